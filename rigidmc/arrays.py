@@ -142,9 +142,15 @@ def check_rows(bad: ArrayLike, rule: str, at: str = "input") -> None:
     if count and count == size:
         every = f"{rule} (all of {count:,} are bad)" if count > 1 else rule
         raise SceneError(every, at=at)
+    warn_of_rows(bad, rule)
+
+
+def warn_of_rows(bad: ArrayLike, rule: str) -> None:
+    """Warn with the count of bad elements, for which the result has nan."""
+    count, size = int(np.count_nonzero(bad)), np.size(bad)
     if count:
-        some = f"{count:,} of {size:,} elements are nan in the result: {rule}"
-        warn(some)
+        some = f"{count:,} of {size:,} elements are nan in the result: " if size > 1 else ""
+        warn(some + rule)
 
 
 def split_components(value: Any, at: str, size: int) -> Any:

@@ -50,6 +50,10 @@ Of = Annotated[
     ),
 ]
 Member = Annotated[int, count_option("--member", 0, help="Index of the member.")]
+OneMember = Annotated[
+    int | None,
+    count_option("--member", 0, help="Index of the member; not needed if the result has one."),
+]
 
 
 @add_setting_options(
@@ -175,13 +179,13 @@ def export_command(
 
 def animate_command(
     file: ResultArgument,
-    member: Member,
     output: Annotated[
         str,
         typer.Option(
             "-o", "--output", metavar="FILE", help="Animation to write (.gif, .mp4, .webm)."
         ),
     ],
+    member: OneMember = None,
     seconds: Annotated[float, time_option("--seconds", help="Length of the animation.")] = 10.0,
     fps: Annotated[int, count_option("--fps", 1, 60, help="Frames per second.")] = 25,
     until: Annotated[
@@ -199,7 +203,9 @@ def animate_command(
 
         check_writer(output)
         steps = max(2, round(seconds * fps) - 1) * SMOOTH
-        dataset = frames(load_result(file, allow_code), member, steps, allow_code, until)
+        result = load_result(file, allow_code)
+        member = _only_member(result) if member is None else member
+        dataset = frames(result, member, steps, allow_code, until)
         if int(dataset.status.values[0]) == 2:
             fail(f"{file}: member {member} never started: impossible body or start", INVALID)
         count = -(-dataset.sizes["time"] // SMOOTH)
@@ -214,6 +220,15 @@ def animate_command(
         if note := between_frames(dataset):
             print(f"  {note}", file=sys.stderr)
         print(*report_files([output]))
+
+
+def _only_member(result: "xr.Dataset") -> int:
+    """Return the index of the member of a result with one member; OptionError for others."""
+    members = result.member.values if "member" in result.coords else []
+    if len(members) != 1:
+        rule = f"the result has {count_text(len(members), 'member')}: choose one, e.g. --member 0"
+        raise OptionError(rule, at="member")
+    return int(members[0])
 
 
 MEMBERS = 500  # to run for the page of a scene

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import check_rows, floats
+from rigidmc.arrays import check_rows, floats, warn_of_rows
 from rigidmc.errors import warn
 from rigidmc.units import degrees_note
 
@@ -162,8 +162,8 @@ def steady_precession(
     Warns
     -----
     SceneWarning
-        with the count of tops whose moments differ, whose results are nan; for a theta that looks
-        like degrees
+        with the count of tops whose moments differ, whose results are nan; with the count of tops
+        that spin too slowly, and the least spin of the first; for a theta that looks like degrees
 
     Examples
     --------
@@ -180,7 +180,15 @@ def steady_precession(
         root = np.copysign(np.sqrt(spin**2 - 4.0 * rise * weight), spin)
         larger = 0.5 * (spin + root)
         slow = np.where(larger == 0.0, np.nan, weight / larger)[()]  # a scalar of scalars
-        return SteadyPrecession(slow, larger / rise)
+        fast = larger / rise
+    too_slow = np.isnan(slow) & np.isfinite(rise * weight * spin)
+    if too_slow.any():
+        at = int(np.argmax(too_slow))
+        least = 2.0 * np.sqrt(np.maximum(rise * weight, 0.0)) / third
+        found, needed = (np.broadcast_to(v, too_slow.shape).flat[at] for v in (omega3, least))
+        rule = f"steady precession needs a spin above {needed:.6g} rad/s, but omega3 is {found:.6g}"
+        warn_of_rows(too_slow, rule)
+    return SteadyPrecession(slow, fast)
 
 
 def least_spin(moments: ArrayLike, weight: ArrayLike, theta: ArrayLike = 0.0) -> _Floats:

@@ -3,6 +3,7 @@
 import numpy as np
 import xarray as xr
 
+from rigidmc.errors import OptionError
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.planning.steps import make_time_grid
 from rigidmc.runs.rerun import chosen_members, rerun
@@ -28,11 +29,13 @@ def frames(
 
     until : [s]; default the end of the run
     The attribute `frames` states whether the steps equal the steps of the run. OptionError for a
-    member that the result lacks.
+    member that the result lacks, and for a time beyond the end of the run.
     """
     scene = scene_of(result, allow_code=allow_code)
     run, end = scene.run, scene.run.t_end
     chosen_members(member, run, result, result.encoding.get("source", "the result"))
+    if until is not None and until > end * (1.0 + 1e-9):
+        raise OptionError(f"the run ends at {end:g} s", at="until", value=until)
     own = _own_step(run, result, member)
     whole = until is None or until >= end
     if whole and run.turn is None and own is not None and own * count <= end:

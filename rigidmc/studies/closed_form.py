@@ -1,5 +1,6 @@
 """Compare the closed form of a scene with its integration."""
 
+import warnings
 from collections.abc import Iterator
 
 import numpy as np
@@ -7,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import STATUSES
-from rigidmc.errors import OptionError, SceneError
+from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.mechanics.free_top import FreeMotionType, Motion
 from rigidmc.mechanics.lagrange_steady import least_spin, steady_precession, tilt_growth
 from rigidmc.mechanics.lagrange_top import NutationRange
@@ -120,7 +121,8 @@ def _steady(case: ClosedMotion, motions: Motions, first: int) -> Iterator[str]:
 
 def _rates(moments: NDArray[np.float64], weight: float, spin: float, theta: float) -> str:
     """Describe the two rates of steady precession, or why there is none."""
-    slow, fast = steady_precession(moments, weight, spin, theta)
+    with warnings.catch_warnings(action="ignore", category=SceneWarning):  # the line says it
+        slow, fast = steady_precession(moments, weight, spin, theta)
     if np.isfinite(fast):
         return f"slow {slow:.6g}, fast {fast:.6g} rad/s"
     if np.isfinite(slow):

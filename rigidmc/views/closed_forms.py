@@ -34,12 +34,16 @@ from rigidmc.mechanics.rotation import to_space
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.closed_form import NONE, ClosedMotion
 from rigidmc.planning.turns import Drive, turning_rates
-from rigidmc.results.labels import units_text, with_units
+from rigidmc.results.labels import with_units
 from rigidmc.views.polhodes import draw_polhodes
 from rigidmc.views.quadric import CIRCLE, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import DENSE, FINE, LINES
 
+Floats = NDArray[np.float64]
+
 NARROW = 0.02  # rad: smallest width of a nutation that sets the scale of a picture
+
+LARGE, SMALL = "kMGTPEZYRQ", "qryzafpn\N{MICRO SIGN}m"  # prefixes of 10^3, 10^6, ...; ..., 10^-3
 
 TIME = with_units("time", "s")
 UPRIGHT = 0.05  # relative to the largest sin theta: below it phi and psi run fast and opposite
@@ -116,8 +120,7 @@ def draw_effective_potential(
     u = effective_potential(moments[:, None], weight[:, None], p_phi, p_psi, theta) - spin[:, None]
     energy, floor = tops.energy - spin, float(np.median(u.min(axis=1)))
     size = max(float(np.median(np.abs(u))), float(np.abs(energy).max()))
-    # if all energies are 0, the unit is 1 J
-    unit = 10.0 ** np.floor(np.log10(size)) if size > 0.0 else 1.0
+    unit, symbol = _prefixed(size)
     u, energy, floor = u / unit, energy / unit, floor / unit
     top = float(energy.max())
     # height of the drawing in `unit`; 1e-300 only keeps its ends apart
@@ -131,18 +134,25 @@ def draw_effective_potential(
         _one_well(axes, degrees, u[0], float(energy[0]), turns[0])
     else:
         _wells(axes, degrees, u, energy, turns)
-    scale = f"{unit:.0e} {units_text('J')}" if unit != 1.0 else "J"
     axes.set(
         xlim=degrees[[0, -1]],
         xlabel=with_units("theta", "deg"),
-        ylabel=with_units("energy minus spin energy", scale),
+        ylabel=with_units("energy minus spin energy", symbol),
     )
     axes.ticklabel_format(useOffset=False)
     _finish(axes, "Effective potential of the nutation")
     return figure_of(axes)
 
 
-Floats = NDArray[np.float64]
+def _prefixed(size: float) -> tuple[float, str]:
+    """Return a unit of energy [J] for values up to `size` [J], and its symbol: one with a prefix of
+    SI, or a power of ten beyond them."""
+    # if all energies are 0, the unit is 1 J
+    power = 3 * int(np.floor(np.log10(size) / 3.0)) if size > 0.0 else 0
+    if -len(SMALL) <= power // 3 <= len(LARGE):
+        prefixes = ("", *LARGE, *SMALL)  # SMALL counts from the end
+        return 10.0**power, f"{prefixes[power // 3]}J"
+    return 10.0**power, f"1e{power} J"
 
 
 def _one_well(axes: Axes, degrees: Floats, u: Floats, energy: float, turns: Floats) -> None:
@@ -185,11 +195,11 @@ def _wells(axes: Axes, degrees: Floats, u: Floats, energy: Floats, turns: Floats
         )
 
 
-def euler_curves(attitude: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Return continuous Euler angles theta, phi, psi (n,) [rad] of attitudes (n, 4).
+def euler_curves(attitude: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return Euler angles theta, phi, psi (n,) [rad] of attitudes (n, 4).
 
     Near theta = 0 and pi only phi + psi or phi - psi is well defined: phi and psi are nan there,
-    unless the body stays there.
+    unless the body stays there. Between these gaps they are continuous.
     """
     w, x, y, z = np.moveaxis(attitude, -1, 0)
     theta = 2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z))
@@ -197,33 +207,56 @@ def euler_curves(attitude: NDArray[np.float64]) -> tuple[NDArray[np.float64], ..
     tilted |= np.count_nonzero(tilted) < 2
     plus, minus = np.full((2, theta.size), np.nan)
     for angle, *parts in ((plus, z, w), (minus, y, x)):
-        angle[tilted] = np.unwrap(2.0 * np.arctan2(*(part[tilted] for part in parts)))
+        for piece in _pieces(tilted):
+            angle[piece] = np.unwrap(2.0 * np.arctan2(*(part[piece] for part in parts)))
     return theta, 0.5 * (plus + minus), 0.5 * (plus - minus)
 
 
-def mean_rate(t: NDArray[np.float64], angle: NDArray[np.float64]) -> float:
-    """Return the mean rate of an angle [rad/s], by least squares with the weights sin^2(pi t/T).
+def _pieces(there: NDArray[np.bool_]) -> list[slice]:
+    """Return the slices of `there` (n,) that are True without a gap."""
+    ends = np.flatnonzero(np.diff(there, prepend=False, append=False))
+    return [slice(*map(int, piece)) for piece in ends.reshape(-1, 2)]
 
-    The values at the ends are anywhere in a nutation. Small weights there keep the rate right once
-    a few nutations are in the picture.
+
+def mean_rate(t: Floats, angle: Floats) -> float:
+    """Return the mean rate of an angle [rad/s]: one slope for all pieces between gaps, by least
+    squares with the weights sin^2(pi t/T) on a piece of length T.
+
+    Each piece has its own constant, because no turns can be counted across a gap. The values at the
+    ends are anywhere in a nutation. Small weights there keep the rate right once a few nutations
+    are in the picture.
     """
-    there = np.isfinite(angle)
-    if np.count_nonzero(there) < 2:
-        return 0.0
-    passed = t[there] - t[there][0]
-    # half a save time beyond each end, so that two values have weights, too
-    edge = 0.5 * passed[-1] / (passed.size - 1)
-    weight = np.sin(np.pi * (passed + edge) / (passed[-1] + 2.0 * edge))
-    return float(np.polyfit(passed, angle[there], 1, w=weight)[0])
+    above = below = 0.0
+    for piece in _pieces(np.isfinite(angle)):
+        passed, values = t[piece] - t[piece][0], angle[piece]
+        if passed.size < 2:
+            continue
+        # half a save time beyond each end, so that two values have weights, too
+        edge = 0.5 * passed[-1] / (passed.size - 1)
+        weight = np.sin(np.pi * (passed + edge) / (passed[-1] + 2.0 * edge)) ** 2
+        from_mean = weight * (passed - np.average(passed, weights=weight))
+        above += float(from_mean @ values)
+        below += float(from_mean @ passed)
+    return above / below if below > 0.0 else 0.0
 
 
-def euler_angles(
-    attitude: NDArray[np.float64], t: NDArray[np.float64], axes: Axes | None = None
-) -> Figure:
+def without_mean_rate(t: Floats, angle: Floats) -> tuple[Floats, float]:
+    """Return an angle minus its mean rate, and this rate [rad/s]; each piece between gaps begins
+    at most half a turn from the end of the piece before, the first one from 0."""
+    rate = mean_rate(t, angle)
+    rest, last = angle - rate * (t - t[0]), 0.0
+    for piece in _pieces(np.isfinite(rest)):
+        rest[piece] -= 2.0 * np.pi * np.round((rest[piece.start] - last) / (2.0 * np.pi))
+        last = rest[piece.stop - 1]
+    return rest, rate
+
+
+def euler_angles(attitude: Floats, t: Floats, axes: Axes | None = None) -> Figure:
     """Draw Euler angles z-x-z of attitudes (n, 4) against t (n,).
 
-    The curves are theta, and phi and psi minus their mean rates, which the legend shows; see
-    `euler_curves` for theta near 0 and pi.
+    The curves are theta, and phi and psi minus their mean rates, which the legend shows. Near
+    theta = 0 and pi, where phi and psi are undefined, their curves end, and the picture is grey;
+    see `euler_curves`.
     """
     axes = axes if axes is not None else new_figure("", (6.0, 4.6)).add_subplot()
     theta, phi, psi = euler_curves(attitude)
@@ -232,11 +265,17 @@ def euler_angles(
         ("phi", phi, "--", PATH),
         ("psi", psi, ":", INK),
     ):
-        rate = 0.0 if name == "theta" else mean_rate(t, values)
+        angle, rate = (theta, 0.0) if name == "theta" else without_mean_rate(t, values)
         sign = "-" if rate > 0.0 else "+"
-        label = name if rate == 0.0 else f"{name} {sign} {abs(rate):.4g} rad/s t"
-        angle = np.degrees(values - rate * (t - t[0]))
-        axes.plot(t, angle, style, color=color, linewidth=1.8, label=label)
+        label = name if rate == 0.0 else f"{name} {sign} ({abs(rate):.4g} rad/s) t"
+        axes.plot(t, np.degrees(angle), style, color=color, linewidth=1.8, label=label)
+    gaps = np.isnan(phi)
+    if gaps.any():
+        place = axes.get_xaxis_transform()
+        words = "phi, psi undefined: axis 3 is vertical"
+        axes.fill_between(
+            t, 0.0, 1.0, where=gaps, label=words, color="0.9", lw=0, zorder=0, transform=place
+        )
     axes.set(xlabel=TIME, ylabel=with_units("angle", "deg"), xlim=(t[0], t[-1]))
     _finish(axes, "Euler angles (z-x-z)")
     return figure_of(axes)
@@ -303,9 +342,13 @@ def _three(title: str) -> tuple[Figure, Axes, Axes, Axes]:
 
 
 def _finish(axes: Axes, title: str) -> None:
-    """Add a title, and a legend between title and axes."""
-    axes.set_title(title, fontsize=10, pad=24)
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize=9, frameon=False)
+    """Add a title, and a legend of one or two rows between title and axes."""
+    lines = len(axes.get_legend_handles_labels()[1])
+    axes.set_title(title, fontsize=10, pad=24 if lines <= 3 else 38)
+    columns = 3 if lines <= 3 else 2
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, fontsize=9, frameon=False
+    )
 
 
 def _times(

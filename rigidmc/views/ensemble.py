@@ -41,6 +41,7 @@ from rigidmc.views.sample import (
     drawn_members,
     figure_of_result,
     member_labels,
+    member_paths,
     note_on,
     omega_or_momentum,
     span,
@@ -63,7 +64,8 @@ def summary(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
     Against time it shows the angular velocity about the middle axis; with saved attitudes of bodies
     under torques the angle of axis 3 from the vertical. With fewer than three saves, the spread at
     the start and at the end replaces it. The axis in space requires saved attitudes; the body
-    requires a result with its scene. Of up to 20 members, lines replace quantiles and densities.
+    requires a result with its scene. Of up to 20 members, lines replace quantiles and densities; of
+    one member, its drifts against time, if they were saved, replace their histogram.
     """
     figure = figure or figure_of_result(ds, (10.0, 9.2))
     if not (ds.status.values == 0).any():
@@ -94,7 +96,8 @@ def summary(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
         path = one.path if one is not None and not is_described(ds) else None
         for density, place in zip((momentum_density, axis_density), places, strict=False):
             density(part, place, path)
-    drift_histogram(ds, figure.add_subplot(lower[-1]))
+    drifts = drift_histogram if ds.sizes["member"] > 1 else _drifts_of_one
+    drifts(ds, figure.add_subplot(lower[-1]))
     return figure
 
 
@@ -107,7 +110,15 @@ def _shorten(axes: Axes) -> None:
     axes.set_title("\n".join(fill(line, WIDE) for line in title.split("\n")), fontsize=9)
     entries = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     others = {label: line for label, line in entries.items() if not label.startswith("member")}
-    axes.legend(others.values(), others, loc="lower center", ncols=2, fontsize=8, frameon=False)
+    axes.legend(
+        others.values(),
+        others,
+        loc="upper center",  # below the axes, where no name of a space axis stands
+        bbox_to_anchor=(0.5, 0.02),
+        ncols=1 if len(others) > 2 else 2,
+        fontsize=8,
+        frameon=False,
+    )
 
 
 def _flight(ds: xr.Dataset, part: xr.Dataset) -> Flight | None:
@@ -137,13 +148,20 @@ def _join(figure: Figure, bodies: Axes, axes: Axes, one: Flight) -> None:
 
 def middle_component(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     """Draw angular velocity about the axis of the middle moment against time: quantiles and a few
-    members.
+    members. One member is a smooth line, recomputed where its saves are too far apart.
 
     ds : result with omega or momentum at three or more times
     """
     part = thin_result(ds)
     value, up, title = _middle(part)
     axes = axes or figure_of_result(ds, (7.0, 4.2)).add_subplot()
+    if value.shape[1] == 1:
+        (path,), note = member_paths(ds, BODY)
+        middle = np.argsort(path.moments, kind="stable")[1]
+        axes.plot(path.t, path.omega[:, middle], color=PATH, linewidth=1.2)
+        _name_axes(axes, part, up)
+        add_title(axes, title, note)
+        return figure_of(axes)
     _band(axes, part, value, up)
     few = value[:, drawn_members(value)]
     if np.count_nonzero(np.diff(np.sign(np.diff(few, axis=0)), axis=0)) > SWINGS * few.shape[1]:
@@ -274,6 +292,7 @@ def drift_histogram(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     The axes are logarithmic; the legend counts drifts of exactly 0. If a quantity is not conserved
     (attribute `conserved`), the title gives the reason.
     """
+    is_narrow = axes is not None  # a third of a summary
     axes = axes or figure_of_result(ds, (7.0, 4.2)).add_subplot()
     drifts = {"E - work" if "work" in ds else "E": ds.energy_drift_max, "$|L|^2$": ds.l2_drift_max}
     values = {
@@ -281,7 +300,7 @@ def drift_histogram(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
         for symbol, drift in drifts.items()
     }
     edges, top = _decades(list(values.values())), 5
-    title = ["Largest relative drift of each member"]
+    title, rows = ["Largest relative drift" + " of each member" * (not is_narrow)], 0
     styles: tuple[dict[str, Any], ...] = (
         {"color": CORE, "fill": True},
         {"color": INK, "linewidth": 1.2},
@@ -289,16 +308,17 @@ def drift_histogram(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     for (symbol, v), style, color in zip(values.items(), styles, (MEDIAN, INK), strict=True):
         count = np.histogram(v, edges)[0]
         top = max(top, count.max())
-        axes.stairs(count, edges, label=_drift_label(symbol, v), **style)
+        label = _drift_label(symbol, v)
+        if is_narrow:  # a number stays beside its word
+            label = fill(label.replace(" (", "\xa0(").replace(") ", ")\xa0"), WIDE)
+        rows += label.count("\n") + 1
+        axes.stairs(count, edges, label=label, **style)
         worst = v.max(initial=0.0)
         if worst > 0.0:
             axes.axvline(max(np.median(v), edges[0]), color=color, linestyle="--", linewidth=1.0)
             place = axes.get_xaxis_transform()
             axes.plot(worst, 0.03, "v", color=color, markersize=7, transform=place)
-        conserved = drifts[symbol].attrs.get("conserved", "yes")
-        if conserved != "yes":
-            why = conserved.removeprefix("no").lstrip(":, ")
-            title.append(fill(f"{symbol} is not conserved: {why}", WIDE))
+        title += _unconserved(symbol, drifts[symbol])
     axes.set(
         xlabel="largest relative drift",
         ylabel="members per bin",
@@ -307,9 +327,43 @@ def drift_histogram(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     )
     axes.set(xscale="log", yscale="log")
     axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.set_title("\n".join(title), fontsize=10 if len(title) == 1 else 9, pad=32)
+    axes.set_title("\n".join(title), fontsize=10 if len(title) == 1 else 9, pad=8 + 12 * rows)
     legend_above(axes, 1)
     return figure_of(axes)
+
+
+def _unconserved(symbol: str, drift: xr.DataArray) -> list[str]:
+    """Return why a quantity is not conserved, as lines of a title; [] if it is."""
+    conserved = drift.attrs.get("conserved", "yes")
+    if conserved == "yes":
+        return []
+    why = conserved.removeprefix("no").lstrip(":, ")
+    return [fill(f"{symbol} is not conserved: {why}", WIDE)]
+
+
+def _drifts_of_one(ds: xr.Dataset, axes: Axes) -> None:
+    """Draw the relative drifts of one member against time, or write the largest ones if they were
+    not saved."""
+    lines, title = [], ["Relative drift"]
+    for symbol, name, color, style in (
+        ("E - work" if "work" in ds else "E", "energy_drift", MEDIAN, "-"),
+        ("$|L|^2$", "l2_drift", INK, "--"),
+    ):
+        largest = ds[f"{name}_max"]
+        lines.append(f"{symbol}: at most {abs(float(largest.values[0])):.1e}")
+        title += _unconserved(symbol, largest)
+        if name in ds and ds.sizes["time"] > 2:
+            values = abs(ds[name].values[:, 0])
+            there = values > 0.0  # 0 at the start
+            axes.plot(ds.time.values[there], values[there], style, color=color, label=lines[-1])
+    is_drawn = bool(axes.lines)
+    axes.set_title("\n".join(title), fontsize=9, pad=32 if is_drawn else None)
+    if is_drawn:
+        axes.set(xlabel=axis_label(ds.time), ylabel="size of the relative drift", yscale="log")
+        legend_above(axes, 1)
+    else:
+        axes.set_axis_off()
+        axes.text(0.5, 0.9, "\n".join(lines), ha="center", va="top", transform=axes.transAxes)
 
 
 def _decades(values: list[NDArray[np.float64]]) -> NDArray[np.float64]:

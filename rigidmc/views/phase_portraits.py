@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rigidmc.figures import INK, LIGHT, add_density, add_title, line_styles
+from rigidmc.figures import GREY, INK, LIGHT, add_density, add_title, line_styles
 from rigidmc.mechanics.lagrange_steady import effective_potential
 from rigidmc.mechanics.lagrange_top import analyse_lagrange_top
 from rigidmc.mechanics.rotation import to_body, to_space
@@ -72,9 +72,10 @@ def phase_portrait(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
             theta = np.where(jumps, np.nan, theta)
             axes.plot(theta, rate, label=label, **style)
             axes.plot(theta[:1], rate[:1], "o", color=style["color"], markersize=5)
+        axes.plot([], [], "o", color=GREY, markersize=5, label="start")
     if tops is not None:
         _levels(axes, symmetric_about_3(tops))
-    axes.set(xlabel=with_units("theta", "deg"), ylabel=with_units("rate of theta", "rad s-1"))
+    axes.set(xlabel=with_units("theta", "deg"), ylabel=with_units("rate of theta", "deg s-1"))
     names = len(axes.get_legend_handles_labels()[1])
     if names:
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=8, frameon=False)
@@ -93,14 +94,14 @@ def _swinging_axis(tops: ClosedMotion | None, path: MemberPath) -> Floats:
 
 
 def _swing(path: MemberPath, axis: Floats) -> tuple[Floats, Floats]:
-    """Return theta [deg] and its rate [rad/s] (n,).
+    """Return theta [deg] and its rate [deg/s] (n,).
 
     With the vertical s in the body, s' = s x omega:  theta' = -axis . (s x omega)/sin theta.
     """
     s = to_body(path.principal_attitude, (0.0, 0.0, 1.0))
     sine = np.linalg.norm(np.cross(axis, s), axis=-1)
     with np.errstate(all="ignore"):
-        rate = -np.cross(s, path.omega) @ axis / sine
+        rate = np.degrees(-np.cross(s, path.omega) @ axis / sine)
     theta = np.degrees(np.arctan2(sine, s @ axis))
     u = to_space(path.principal_attitude, axis)
     at = np.argmax(sine)
@@ -113,7 +114,7 @@ def _swing(path: MemberPath, axis: Floats) -> tuple[Floats, Floats]:
 
 
 def _many_swings(part: xr.Dataset, tops: ClosedMotion | None) -> tuple[Floats, Floats]:
-    """Return theta [deg] and its rate [rad/s] of all states of a sample."""
+    """Return theta [deg] and its rate [deg/s] of all states of a sample."""
     omega, _ = omega_or_momentum(in_principal_axes(part), "omega")
     q = principal(part, "attitude").transpose("time", "quat", "member").values
     own = part.attitude.transpose("time", "quat", "member").values
@@ -151,8 +152,8 @@ def _levels(axes: Axes, tops: ClosedMotion) -> None:
     theta = np.linspace(max(left, 1e-3), min(right, 360.0 if right > 180.0 else 179.999), 400)
     rate = np.linspace(bottom, top, 300)
     u = effective_potential(moments, weight, p_phi, p_psi, np.radians(theta))
-    energy = u + 0.5 * moments[0] * rate[:, None] ** 2
-    most = u.min() + 0.5 * moments[0] * np.abs(axes.get_ylim()).max() ** 2
+    energy = u + 0.5 * moments[0] * np.radians(rate[:, None]) ** 2
+    most = u.min() + 0.5 * moments[0] * np.radians(np.abs(axes.get_ylim()).max()) ** 2
     levels = np.linspace(u.min(), most, 9)[1:]
     axes.contour(
         theta,
@@ -166,9 +167,9 @@ def _levels(axes: Axes, tops: ClosedMotion) -> None:
     )
     if abs(p_phi - p_psi) <= SAME * scale and p_psi**2 < 4.0 * moments[0] * weight:
         upright = 0.5 * p_psi**2 / moments[2] + weight
-        edge = np.sqrt(np.maximum(2.0 * (upright - u) / moments[0], 0.0))
-        axes.plot(theta, edge, "--", color=INK, linewidth=1.3, label="separatrix")
-        axes.plot(theta, -edge, "--", color=INK, linewidth=1.3)
+        edge = np.degrees(np.sqrt(np.maximum(2.0 * (upright - u) / moments[0], 0.0)))
+        axes.plot(theta, edge, ":", color=INK, linewidth=1.3, label="separatrix")
+        axes.plot(theta, -edge, ":", color=INK, linewidth=1.3)
     axes.set(xlim=(left, right), ylim=(bottom, top))
 
 
@@ -195,6 +196,7 @@ def _free_portrait(ds: xr.Dataset, good: xr.Dataset, figure: Figure | None) -> F
                 x, y = path.omega[:, i], path.omega[:, j]
                 axes.plot(x, y, label=label, **style)
                 axes.plot(x[:1], y[:1], "o", color=style["color"], markersize=5)
+        panels[0].plot([], [], "o", color=GREY, markersize=5, label="start")
     curves, separatrices = family(moments) if is_shared else ([], [])
     for axes, (i, j) in zip(panels, pairs, strict=True):
         for curve in curves if count == 1 else []:
@@ -203,7 +205,7 @@ def _free_portrait(ds: xr.Dataset, good: xr.Dataset, figure: Figure | None) -> F
         for k, curve in enumerate(separatrices):
             omega = np.linalg.norm(l) * curve / moments
             label = "_" if k else "separatrix"
-            axes.plot(omega[:, i], omega[:, j], "--", color=INK, linewidth=0.9, label=label)
+            axes.plot(omega[:, i], omega[:, j], ":", color=INK, linewidth=1.1, label=label)
         units = OBSERVABLES["omega"].units
         names = (with_units(f"$\\omega_{k + 1}$", units) for k in (i, j))
         axes.set(**dict(zip(("xlabel", "ylabel"), names, strict=True)))

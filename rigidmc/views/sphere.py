@@ -52,10 +52,11 @@ def family(moments: NDArray[np.float64]) -> tuple[list[Curve], list[Curve]]:
     """
     low, middle, high = map(int, np.argsort(moments, kind="stable"))
     axes, turn = np.eye(3), np.linspace(0.0, 2.0 * np.pi, 361)[:, None]
-    if moments[low] == moments[high]:
+    same = 1e-9 * moments[high]  # as in `central_axis`
+    if moments[high] - moments[low] <= same:
         return [], []
-    if not moments[low] < moments[middle] < moments[high]:
-        axis = high if moments[low] == moments[middle] else low
+    if min(moments[middle] - moments[low], moments[high] - moments[middle]) <= same:
+        axis = central_axis(moments)
         one, two = np.delete(axes, axis, axis=0)
         across = np.cos(turn) * one + np.sin(turn) * two
         angles = np.radians(np.arange(20, 161, 20))

@@ -149,8 +149,9 @@ def _line(label: str, attrs: dict[str, Any], of: Spread, confidence: float | Non
     confidence : None if the spread of the members gives no interval
     """
     units, all_members = units_text(attrs.get("units", "1")), count_text(of.members, "member")
-    if not of.finite:
-        return f"  {label:24s} no value in any of {all_members}"
+    if not of.finite:  # also if every member is flagged
+        is_input = label.startswith("moments")
+        return None if is_input else f"  {label:24s} no value in any of {all_members}"
     if of.finite == of.members and of.is_constant:
         if label.startswith("moments"):
             return None

@@ -30,7 +30,7 @@ from rigidmc.views.closed_forms import (
     draw_turning_angles,
     euler_angles,
     euler_curves,
-    mean_rate,
+    without_mean_rate,
 )
 from rigidmc.views.globes import axis_density
 from rigidmc.views.quadric import draw_curve, draw_quadric, screen
@@ -45,6 +45,8 @@ from rigidmc.views.sample import (
 )
 
 NARROW = 30.0  # deg: loops and cusps so close to the vertical are small on the sphere
+
+GAPS = "\nphi and psi are undefined where axis 3 is vertical: their lines end"
 
 
 def trajectory(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
@@ -97,7 +99,7 @@ def angles(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
     """Draw the Euler angles z-x-z against time: theta, and phi and psi minus their mean rates.
 
     Each member has its own mean rates. Near theta = 0 and pi, where phi and psi are not defined,
-    lines end.
+    their lines end, and the picture of one member is grey.
 
     ds : result with a scene or with attitude; of more than 20 members with attitude
     Raises ValueError if more than 20 members turn too far between saves.
@@ -112,21 +114,26 @@ def angles(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
         (axes,) = (figure.add_subplot(),)
         euler_angles(paths[0].attitude, paths[0].t, axes)
         if note:
-            add_title(axes, "Euler angles (z-x-z)", note, pad=24)
+            is_whole = len(axes.get_legend_handles_labels()[1]) <= 3
+            add_title(axes, "Euler angles (z-x-z)", note, pad=24 if is_whole else 38)
         return figure
     rows = figure.subplots(3, 1, sharex=True)
-    labels = member_labels(good.member.values)
+    labels, has_gaps = member_labels(good.member.values), False
     for path, style, label in zip(paths, line_styles(count), labels, strict=True):
-        for row, values in zip(rows, euler_curves(path.attitude), strict=True):
-            rate = 0.0 if row is rows[0] else mean_rate(path.t, values)
-            angle = np.degrees(values - rate * (path.t - path.t[0]))
-            row.plot(path.t, angle, label=label, **style)
-    _name_rows(rows, axis_label(ds.time), note)
+        theta, *others = euler_curves(path.attitude)
+        has_gaps |= bool(np.isnan(others[0]).any())
+        curves = [theta, *(without_mean_rate(path.t, values)[0] for values in others)]
+        for row, angle in zip(rows, curves, strict=True):
+            row.plot(path.t, np.degrees(angle), label=label, **style)
+    _name_rows(rows, axis_label(ds.time), note, GAPS if has_gaps else "")
     return figure
 
 
-def _name_rows(rows: Any, time: str, note: str) -> None:
-    """Label the rows of theta, phi and psi."""
+def _name_rows(rows: Any, time: str, note: str, gaps: str = "") -> None:
+    """Label the rows of theta, phi and psi.
+
+    gaps : why the lines have gaps, if they do
+    """
     for row, name in zip(rows, ("theta", "phi - mean rate", "psi - mean rate"), strict=True):
         row.set_ylabel(with_units(name.replace("-", "\N{MINUS SIGN}"), "deg"))
     rows[2].set_xlabel(time)
@@ -137,7 +144,7 @@ def _name_rows(rows: Any, time: str, note: str) -> None:
         )
     add_title(
         rows[0],
-        "Euler angles (z-x-z), without the mean rates of each member",
+        "Euler angles (z-x-z), without the mean rates of each member" + gaps,
         note,
         pad=30 if len(names) > 4 else 20 if names else None,
     )

@@ -165,11 +165,22 @@ def test_an_animation(result, tmp_path):
         .exit_code
         == 6
     )
-    for name, words in (("top.avi", "ends in"), ("other.gif", "members 0 to 63")):
+    for name, options, words in (
+        ("top.avi", ("--member", "64"), "ends in"),
+        ("other.gif", ("--member", "64"), "members 0 to 63"),
+        ("other.gif", (), "the result has 64 members: choose one"),
+        # before, the film ended with the run, without a word
+        ("other.gif", ("--member", "7", "--until", "1e3 s"), "the run ends at "),
+    ):
         bad = CliRunner().invoke(
-            app, ["animate", str(result), "--member", "64", "-o", str(tmp_path / name)]
+            app, ["animate", str(result), *options, "-o", str(tmp_path / name)]
         )
-        assert bad.exit_code == 3 and words in bad.stderr
+        assert bad.exit_code == 3 and words in bad.stderr, bad.stderr
+    with rm.open(str(result)) as ds:
+        ds.isel(member=[7]).to_netcdf(tmp_path / "one.nc")
+    options = ("-o", str(tmp_path / "one.gif"), "--seconds", "0.2", "--fps", "10")
+    made = CliRunner().invoke(app, ["animate", str(tmp_path / "one.nc"), *options])
+    assert made.exit_code == 0 and "scene: member 7, " in made.stdout, made.output
 
 
 BODY = rm.Body.from_tensor(rm.UncertainInertia(np.diag([2.0, 2.5, 3.0]) + 0.1, 1e-3 * np.eye(6)))

@@ -1,5 +1,7 @@
 """Pictures and lines of closed forms: steady tops, and angles of bodies that stand upright."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -63,6 +65,12 @@ def test_phi_and_psi_are_left_out_where_theta_is_0():
     assert 200 < there.sum() < 1500
     sine = np.sin(np.radians(theta))
     assert (sine[there] > 0.05 * sine.max()).all() and (sine[~there] <= 0.05 * sine.max()).all()
+    # before, turns between the flips were counted: phi rose by 380 degrees in each
+    for angle in (phi, psi):
+        pieces = np.split(angle[there], np.flatnonzero(np.diff(np.flatnonzero(there)) > 1) + 1)
+        assert len(pieces) >= 3 and max(map(np.ptp, pieces)) < 3.0  # measured 1.2
+        jumps = [after[0] - before[-1] for before, after in itertools.pairwise(pieces)]
+        assert max(map(abs, jumps)) <= 180.0
     # a body that stays upright shows them all the same
     for line in euler_angles(np.tile([1.0, 0.0, 0.0, 0.0], (9, 1)), t[:9]).axes[0].lines:
         assert np.isfinite(line.get_ydata()).all()

@@ -45,11 +45,12 @@ def test_the_portrait_of_a_pendulum_and_its_separatrix(pendulums):
     theta, rate = lines["member 10"]
     scene = rm.Scene.load("pendulum")
     inertia, weight = scene.body.moments[0], scene.body.mass * 9.81 * scene.body.centre[2]
-    energy = 0.5 * inertia * rate**2 + weight * np.cos(np.radians(theta))
+    energy = 0.5 * inertia * np.radians(rate) ** 2 + weight * np.cos(np.radians(theta))
     assert np.ptp(energy) < 1e-6 * abs(energy).max()  # the Hamiltonian; rk8 keeps it to 1e-9
     theta, rate = lines["separatrix"]
     assert np.allclose(
-        0.5 * inertia * rate**2, abs(weight) * 2.0 * np.sin(0.5 * np.radians(theta)) ** 2
+        0.5 * inertia * np.radians(rate) ** 2,
+        abs(weight) * 2.0 * np.sin(0.5 * np.radians(theta)) ** 2,
     )
 
 

@@ -125,6 +125,7 @@ def test_all_functions_of_a_scene(kind, seed):
     assert {n: row for n, row in worst.items() if row.off > LIMITS.get(n, LIMIT)} == {}
 
 
+@pytest.mark.filterwarnings("ignore:.*steady precession needs a spin above")
 @pytest.mark.parametrize(("mass", "time"), [(1e-20, 1e6), (1e20, 1e-6)])
 def test_steady_motions_and_euler_rates(mass, time):
     some = np.random.default_rng(4)

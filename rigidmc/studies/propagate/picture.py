@@ -48,7 +48,8 @@ def covariance_ellipses(
         axes = figure.add_subplot(-(-count // columns), columns, k + 1)
         _panel(axes, study.isel(sample_time=k), x, y)
         axes.set(xlabel=labels[0], ylabel=labels[1])
-    axes.legend(loc="best", fontsize=8, frameon=False)
+    named = axes.get_legend_handles_labels()
+    figure.legend(*named, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     return figure_of(axes)
 
 
@@ -73,7 +74,8 @@ def _panel(axes: Axes, study: xr.Dataset, x: str, y: str) -> None:
     axes.axhline(0.0, lw=0.3, color=GREY)
     axes.axvline(0.0, lw=0.3, color=GREY)
     wider = cut_linear(axes, points, *largest) if len(largest) == 2 else 1.0
-    cut = f", linear {wider:,.0f} times as wide" if wider > WIDEST else ""
+    times = f"{wider:,.0f}" if wider < 1e6 else f"{wider:.1e}"
+    cut = f", linear {times} times as wide" if wider > WIDEST else ""
     add_title(axes, f"t = {time:g} s{cut}")
 
 
