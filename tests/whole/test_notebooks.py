@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from types import CodeType
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -89,6 +90,25 @@ def test_the_checker_shows_where_an_answer_differs(given, true, shown, capsys):
     names["check"](lambda: [1.0, given], lambda: [1.0, true], ())
     printed = capsys.readouterr().out
     assert shown in printed or "is right" in printed  # within 1e-9 of the truth
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (4.0, "is right in 1 case\n"),
+        (4.0 + 1e-12j, "returns (4+1e-12j); expected one number"),
+        ("4", "returns '4'; expected one number"),
+        (None, "returns None; expected one number"),
+        ([4.0, [1.0, 2.0]], "expected one number"),
+    ],
+)
+def test_the_checker_takes_numbers_alone(given, said, capsys):
+    names = {"np": np}
+    exec(defined("exercises", "check"), names)
+    names["check"](lambda x: given, lambda x: x, (4.0,))
+    assert said in capsys.readouterr().out
+    names["check"](abs, abs)
+    assert capsys.readouterr().out == "give cases to compare\n"
 
 
 @pytest.mark.parametrize("sep", [";", "\t", ","])
