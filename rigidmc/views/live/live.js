@@ -140,7 +140,7 @@ function receive({ data }) {
   state.busyShare = data.busy;
   state.status = data.status[0];
   state.others = n > 1 ? data.saves.subarray((count - 1) * values * n) : null;
-  draw();
+  if (!state.playing) draw();   // else the next picture shows it
 }
 // what is shown: the sample of this time, or a motion between two samples
 function shown() {
