@@ -2,7 +2,7 @@
 
 The example of every effect with every integrator that takes it, and hard bodies and starts, where
 formulas switch. Derivatives by components of the start, moments, every number of the effect, and
-means and widths of distributions. The errors of each pair, and the largest (an hour)::
+means and widths of distributions. The errors of each pair, and the largest (half an hour)::
 
     python -m tests.derivative_errors [INTEGRATOR ...]
 
