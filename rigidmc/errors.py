@@ -87,7 +87,7 @@ class RigidmcError(ValueError):
         file = f"{_cut(self.file)}: " if self.file else ""
         place = f"[{_cut(self.table, _WORD)}] " if self.table else ""
         given = "" if self.value is None else f" = {_short(self.value)}"
-        hint = f" (did you mean '{_cut(self.nearest, _WORD)}'?)" if self.nearest else ""
+        hint = hint_of(_cut(self.nearest, _WORD) if self.nearest else "")
         subject = f"{place}{_cut(key, _WORD)}{given}: "
         subject = "" if file and subject == "file: " else subject  # the name of the file says it
         return terminal_text(f"{file}{subject}{_cut(self.rule)}{hint}")
@@ -288,6 +288,11 @@ def nearest(word: object, words: Iterable[object]) -> str | None:
     # a part must be more similar than a whole name, because there are many
     close = difflib.get_close_matches(str(word).lower(), parts, n=1, cutoff=0.8)
     return known[parts[close[0]]] if close else None
+
+
+def hint_of(word: str | None) -> str:
+    """Return the hint at the nearest right word that ends a message, "" for none."""
+    return f" (did you mean '{word}'?)" if word else ""
 
 
 def unknown(

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.errors import RigidmcError, SceneError, nearest
+from rigidmc.errors import RigidmcError, SceneError, hint_of, nearest
 
 _PI = Fraction(31415926535897932384626433832795028841971, 10**40)  # rounds once, to float64
 LONGEST = 80  # characters of a unit
@@ -458,4 +458,4 @@ def degrees_note(angles: Any, what: str, most: int = 2, cure: str = 'write "30 d
 
 def rule_with_hint(error: RigidmcError) -> str:
     """Return the rule of an error with its nearest right unit, for readers without a place."""
-    return f"{error.rule} (did you mean '{error.nearest}'?)" if error.nearest else error.rule
+    return error.rule + hint_of(error.nearest)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.errors import PartError, SceneError, nearest
+from rigidmc.errors import PartError, SceneError, hint_of, nearest
 from rigidmc.physics.dynamics.methods import Method, arguments, implements, old_word
 
 RULE = (
@@ -136,9 +136,8 @@ class Trial(NamedTuple):
         for argument in arguments(getattr(type(self.part), method.__name__)):
             if argument not in method.available:
                 close = OLD_ARGUMENTS.get(argument) or nearest(argument, method.available)
-                hint = f" (did you mean '{close}'?)" if close else ""
                 known = ", ".join(method.available) or "nothing"
-                rule = f"unknown argument '{argument}'; it may name {known}{hint}"
+                rule = f"unknown argument '{argument}'; it may name {known}{hint_of(close)}"
                 raise self.complaint(method.__name__, rule)
 
     def _check_loops(self, name: str) -> None:

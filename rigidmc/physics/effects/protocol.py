@@ -10,7 +10,7 @@ from functools import cache
 from math import inf
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, TypeVar, overload
 
-from rigidmc.errors import nearest
+from rigidmc.errors import hint_of, nearest
 from rigidmc.physics.dynamics.methods import argument_names, implements, method
 from rigidmc.physics.dynamics.so3 import axpy
 
@@ -128,10 +128,8 @@ def effect(cls: Any = None, /, **stated: Any) -> Any:
         if name in OLD_WORDS:
             raise TypeError(f"@effect: {name} is now called {OLD_WORDS[name]}")
         if name not in EffectFacts._fields:
-            close = nearest(name, EffectFacts._fields)
-            hint = f" (did you mean '{close}'?)" if close else ""
-            known = ", ".join(EffectFacts._fields)
-            raise TypeError(f"@effect: no such fact '{name}'; known: {known}{hint}")
+            known = ", ".join(EffectFacts._fields) + hint_of(nearest(name, EffectFacts._fields))
+            raise TypeError(f"@effect: no such fact '{name}'; known: {known}")
 
     def put(cls: Kind) -> Kind:
         for name, value in stated.items():

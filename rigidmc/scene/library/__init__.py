@@ -65,7 +65,7 @@ Vector distributions:
 
 import os
 
-from rigidmc.errors import NoSuchScene, nearest
+from rigidmc.errors import NoSuchScene, hint_of, nearest
 
 _FOLDER = os.path.dirname(__file__)
 
@@ -91,9 +91,9 @@ def read_source(source: str) -> str:
         beside = []
     close = nearest(name, beside) or nearest(name.removesuffix(".toml"), names)
     close = os.path.join(folder, close) if close in beside else close
-    hint = f" (did you mean '{close}'?)" if close else ""
     # with a suffix or a folder it names a missing file; otherwise it is a wrong scene name
     is_name = not os.path.splitext(source)[1] and os.path.basename(source) == source
     raise (NoSuchScene if is_name else FileNotFoundError)(
-        f"{source}: no file and no shipped scene has this name{hint}; shipped: {', '.join(names)}"
+        f"{source}: no file and no shipped scene has this name{hint_of(close)}; shipped:"
+        f" {', '.join(names)}"
     )

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.errors import PartError, SceneError, nearest
+from rigidmc.errors import PartError, SceneError, hint_of, nearest
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import Method, implements
 from rigidmc.physics.dynamics.so3 import exponential, multiply
@@ -50,10 +50,9 @@ def check_effect_class(effect: Any) -> None:
     for name in ("units", "shapes", "limits", "in_body", "along_axes", "hidden", "shared"):
         for field in getattr(stated, name):
             if field not in kind._fields:
-                close = nearest(field, kind._fields)
-                hint = f" (did you mean '{close}'?)" if close else ""
                 known = ", ".join(kind._fields) or "none"
-                rule = f"names '{field}', which is not a parameter; its parameters: {known}{hint}"
+                known += hint_of(nearest(field, kind._fields))
+                rule = f"names '{field}', which is not a parameter; its parameters: {known}"
                 raise PartError.of(kind, rule, "effects", name)
     for field, unit in stated.units.items():
         try:
