@@ -150,10 +150,11 @@ function shown() {
   const after = samples[k], before = samples[k - 1], part = before ? (time - before.time) / (after.time - before.time) : 1;
   return part > 1 - 1e-6 ? { s: after, k } : { s: between(before, after, part, time), k: k - 1 };
 }
-// the attitude turns evenly from one sample to the next, and L in space moves straight
+// between two steps, for the eye alone: the attitude turns evenly from one sample to the next, and L in space moves straight
 function between(before, after, part, time) {
   const along = before.q.reduce((sum, x, i) => sum + x * after.q[i], 0), angle = Math.acos(Math.min(1, Math.abs(along)));
   const [a, b] = angle < 1e-6 ? [1 - part, part] : [Math.sin((1 - part) * angle) / Math.sin(angle), Math.sin(part * angle) / Math.sin(angle)];
+  // below 1e-6 rad the sines are their angles to 1e-12
   const q = before.q.map((x, i) => a * x + Math.sign(along || 1) * b * after.q[i]);
   const [one, two] = [before, after].map(s => times(matrix(s.q), s.l)), l = one.map((x, i) => (1 - part) * x + part * two[i]), turn = matrix(q);
   return { time, q, l: [0, 1, 2].map(k => turn[0][k] * l[0] + turn[1][k] * l[1] + turn[2][k] * l[2]), drift: before.drift };

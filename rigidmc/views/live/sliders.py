@@ -248,7 +248,7 @@ def template(scene: Scene, sliders: Sequence[Slider]) -> tuple[str, dict[str, di
     numbers = dict[str, str]()
     for k, slider in enumerate(sliders):
         own = (slider.given,) if slider.is_shared else _location(slider.source)
-        # numbers that nothing else in the scene has
+        # changed in the tenth digit, so that no other number of the text is equal
         unique = [
             x * (1.0 + 1e-9 * (2 * k + i + 1)) if x else 1e-9 * (2 * k + i + 1)
             for i, x in enumerate(own)

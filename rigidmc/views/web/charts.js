@@ -26,6 +26,7 @@ class Chart extends Canvas {
     }
     if (!(x1 > x0)) [x0, x1] = isFinite(x0) ? [x0, x0 + 1] : [0, 1];
     if (!isFinite(y0)) [y0, y1] = [0, 1];
+    // labels have six digits: a narrower chart would repeat them
     const least = 1e-5 * Math.max(Math.abs(y0), Math.abs(y1), 1e-12);
     if (!(y1 - y0 > least)) { const more = Math.abs(y0) > 0 ? 0.1 * Math.abs(y0) : 1; y0 -= more; y1 += more; }
     const margin = log ? 0.5 : 0.06 * (y1 - y0);
@@ -35,6 +36,7 @@ class Chart extends Canvas {
     const py = y => box.bottom - (y - y0) / (y1 - y0) * (box.bottom - box.top);
     pen.font = "11px system-ui, sans-serif";
     const marks = log ? ticks(y0, y1, 4).filter(Number.isInteger) : ticks(y0, y1, 4), word = v => log ? `1e${v}` : nice(v);
+    // beside the name of the axis, 21 pixels wide, and a gap of 5
     box.left = Math.max(64, 26 + Math.max(0, ...marks.map(v => pen.measureText(word(v)).width)));
     pen.fillStyle = colour("--grey"); pen.strokeStyle = colour("--rule"); pen.lineWidth = 1;
     pen.textAlign = "center"; pen.textBaseline = "top";
