@@ -12,7 +12,7 @@ import numpy as np
 from rigidmc.errors import SceneError
 from rigidmc.physics.effects import name_of
 from rigidmc.physics.effects.protocol import facts, from_numbers, numbers
-from rigidmc.physics.observables import Passage, is_own
+from rigidmc.physics.observables import is_own
 from rigidmc.planning.initial import Source, block_rows, initial_block, make_sampler
 from rigidmc.planning.plan import Plan
 from rigidmc.scene.distributions import Distribution
@@ -90,7 +90,12 @@ def scale_scene(scene: Scene, mass: float = 1.0, length: float = 1.0, time: floa
     if scene.run.turn_rate is not None and scene.run.turn is None:
         run["turn_rate"] = scene.run.turn_rate / time
     observables = tuple(
-        one._replace(hold=one.hold * time) if isinstance(one, Passage) else one
+        one._replace(
+            **{
+                name: getattr(one, name) * unit_factor(unit, mass, length, time)
+                for name, unit in getattr(one, "parameter_units", {}).items()
+            }
+        )
         for one in scene.observables
     )
     changed = replace(scene, body=body, effects=effects, start=start, observables=observables)

@@ -30,8 +30,6 @@ from rigidmc.units import (
 # SI units of the quantities of a scene, by the last word of their path
 BODY = {"moments": "kg m2", "tensor": "kg m2", "mass": "kg", "centre": "m", "pivot": "m"}
 START = {"omega": "rad s-1", "momentum": "kg m2 s-1", "attitude": "rad"}
-# parameters of observables; a custom class states them as `parameter_units`
-OBSERVED = {"passage": {"angle": "rad", "hold": "s"}, "flips": {"within": "rad"}}
 # distributions of numbers in radians: in another unit they would lose their period of 2 pi
 _PERIODIC = ("vonmises", "vonmises_line", "wrapcauchy")
 
@@ -248,7 +246,7 @@ def observable_in_si(observable: Any, word: str) -> Any:
     word : its name in a scene
     """
     shipped = "1" if type(observable).__module__.startswith("rigidmc.") else None
-    units = {**OBSERVED.get(word, {}), **getattr(observable, "parameter_units", {})}
+    units: Mapping[str, str] = getattr(observable, "parameter_units", {})
     if word == "histogram":
         of = OBSERVABLES.get(str(observable.of).split("[")[0])
         shipped = None if of is None else shipped

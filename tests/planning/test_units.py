@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from rigidmc.physics import observables
+from rigidmc.physics.observables.protocol import event
 from rigidmc.planning.units import choose_units, scale_scene, unit_exponents, unit_factor
 
 BODY = rm.Body.from_moments((rm.uniform(0.9, 1.1), 1.4, 2.0), mass=1.5, centre=(0.1, 0.2, 0.3))
@@ -99,6 +101,40 @@ class Wind(NamedTuple):
 
     def torque(self):
         return self.size, 0.0, 0.0
+
+
+@event(
+    outputs={"visits": ("1", "stays", ()), "visit_first": ("s", "begin of the first stay", ())},
+    event_times=("visit_first",),
+    parameter_units={"hold": "s"},
+)
+class Visit(NamedTuple):
+    """The times at which axis 3 comes within 1 rad of the vertical and stays for some seconds."""
+
+    hold: float
+
+    def bind(self, moments, complete, effects):
+        return rm.Passage(3, 1.0, "reaches", hold=self.hold).bind(moments, complete, effects)
+
+    def results(self, record):
+        return {"visits": record.count, "visit_first": record.first_tau}
+
+
+def test_a_time_of_any_shipped_class_is_rescaled(monkeypatch):
+    """The facts on the class say which numbers are times, so a new class needs no other line."""
+    monkeypatch.setitem(observables.WATCHED, "visit", Visit)
+
+    def counts(size):
+        body = rm.Body.from_moments((size, 1.4 * size, 2.0 * size))
+        start = rm.Start(omega=(rm.normal(0.0, 1.0), 6.0, 0.2), attitude="uniform")
+        scene = rm.Scene(body, (), start, observables=(Visit(0.25),))
+        assert (choose_units(scene) is not None) == (size < 1.0)
+        return rm.simulate(scene, save=("visit",), t_end=10.0, dt=0.02, members=64)
+
+    near, tiny = counts(1.0), counts(2.0**-400)
+    assert 200 < near.visits.sum() < 600  # measured 338
+    for name in ("visits", "visit_first"):
+        assert np.array_equal(near[name], tiny[name], equal_nan=True), name
 
 
 def test_effects_without_units_are_not_rescaled():

@@ -32,7 +32,7 @@ _OUTPUTS = {
 }
 
 
-@event(outputs=_OUTPUTS, event_times=("flip_first",))
+@event(outputs=_OUTPUTS, event_times=("flip_first",), parameter_units={"within": "rad"})
 class Flips(NamedTuple):
     """The number of times a body turns over about an axis, by default its middle principal axis.
 

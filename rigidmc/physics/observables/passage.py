@@ -26,6 +26,7 @@ _CONE = "the cone of {angle:g} rad about the {about}{start}"
         "passage_last": ("s", "time when {axis} last {way} " + _CONE + "; nan if never", ()),
     },
     event_times=("passage_first",),
+    parameter_units={"angle": "rad", "hold": "s"},
 )
 class Passage(NamedTuple):
     """The times at which an axis of the body leaves, or reaches, a cone about a direction.

@@ -2,7 +2,8 @@
 
 A class is a NamedTuple with one of the decorators below. The decorator states the facts of the
 class, adds defaults and rejects a class that lacks a required member. The fields of the class are
-the parameters of a table [observables.NAME] in a scene.
+the parameters of a table [observables.NAME] in a scene. `parameter_units={"hold": "s"}` states the
+SI units of those that have one: by it they accept other units, and enter the units of integration.
 
 Compiled code calls `value`, `monotone`, `begin`, `update`, `extrema`, `extremum_limits`,
 `merged`, `is_time_average`, `reweighed`, `is_conserved`, `level`, `armed`, `counts_at_start`,
@@ -257,7 +258,7 @@ OLD_WORDS = {
     "words": "label_fields",
 }
 # word and squares are of statistics, see `rigidmc.physics.observables.statistics`
-_STATED = ("word", "squares", "in_body")
+_STATED = ("word", "squares", "in_body", "parameter_units")
 Kind = TypeVar("Kind", bound=type)
 
 
