@@ -19,7 +19,7 @@ The method assumes that flags occur independently of the event, given the time.
 
 Source: Kaplan & Meier, J. Am. Stat. Assoc. 53 (1958) 457; Greenwood, Rep. Public Health Med. Subj.
 33 (1926); m: Dorey & Korn, Stat. Med. 6 (1987) 679; ends of quantiles by inverting the test of S:
-Brookmeyer & Crowley, Biometrics 38 (1982) 29.
+Brookmeyer & Crowley, Biometrics 38 (1982) 29, and their middle of the range where S = 1 - q.
 """
 
 import math
@@ -36,7 +36,7 @@ from rigidmc.files.reading import toml
 from rigidmc.physics.observables.saving import CENSORED, FOLLOWED, LAG
 from rigidmc.results import intervals
 from rigidmc.results.columns import Columns
-from rigidmc.results.intervals import Estimate
+from rigidmc.results.intervals import WHOLE, Estimate
 from rigidmc.scene.toml.read import scene_text
 
 Array = NDArray[np.float64]
@@ -228,14 +228,16 @@ def _by_survival(found: Survival, q: float, tail: float) -> tuple[float, float, 
     """Return (quantile, low, high). `low` is the last time at which a test of size `tail` finds the
     quantile later, `high` the first time at which it finds the quantile earlier."""
     at, f = found.times, 1.0 - found.s
-    value = at[f[1:] >= q * (1.0 - 1e-12)]
+    # the smallest time with F >= q, or the middle where F = q, as in `intervals.quantile`
+    first, last = (np.searchsorted(f[1:], q * (1.0 + x)) for x in (-WHOLE, WHOLE))
+    later = np.append(at, np.inf)
     # at each event time, and at the end: the earlier events
     before = np.append(at, found.last)
     size = np.where(f > 0.0, found.size, [found.followed(t) for t in before])
     late = _at_most(size, q, size * f) <= tail
     early = _at_least(found.size[1:], q, found.size[1:] * f[1:]) <= tail
     return (
-        float(value[0]) if value.size else np.inf,
+        float(intervals.middle(later[first], later[last])),
         float(before[late].max(initial=0.0)),
         float(at[early].min(initial=np.inf)),
     )

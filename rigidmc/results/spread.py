@@ -1,9 +1,10 @@
 """Means and exact quantiles of the members of a result, block by block, in bounded memory.
 
-A quantile of n numbers lies between two ranks of them. One pass over the members counts the numbers
-below a bracket and keeps those inside; the bracket comes from a sample of 2^19 members and holds
-both ranks with near certainty. If it does not, or if too many numbers are inside, the counts give a
-better bracket and another pass follows, so that the result is that of numpy.quantile in any case.
+A quantile of n numbers has one rank or two, as in `rigidmc.results.intervals.quantile`. One pass
+over the members counts the numbers below a bracket and keeps those inside; the bracket comes from a
+sample of 2^19 members and holds both ranks with near certainty. If it does not, or if too many
+numbers are inside, the counts give a better bracket and another pass follows, so that the quantile
+is exact in any case.
 
 The means are sums of the sums of blocks: their last digits differ from numpy.mean.
 
@@ -70,7 +71,7 @@ def spreads(
 ) -> tuple[dict[str, NDArray[np.int64]], list[Spread]]:
     """Return ({name: members with each code} of variables, Spread of each row).
 
-    quantiles : numbers between 0 and 1, see numpy.quantile
+    quantiles : numbers between 0 and 1
     codes : names of variables of small counts; all members are counted
     """
     size = dataset.sizes["member"]
@@ -237,9 +238,7 @@ class _Bracket:
 
     def is_known(self, count: int) -> bool:
         """Find the quantile of `count` numbers; if that is impossible, choose a better range."""
-        rank = self.q * (count - 1)
-        k = math.floor(rank)
-        last = min(k + 1, count - 1)
+        k, last = intervals.ranks_of_quantile(self.q, count)
         begin = self._below + self._at_low
         end = begin + self._inside
         inside = np.sort(np.concatenate(self._kept))
@@ -249,9 +248,9 @@ class _Bracket:
                     self.low if i < begin else self.high if i >= end else inside[i - begin]
                     for i in (k, last)
                 ]
-                self.value = float(np.quantile(ends, rank - k))
+                self.value = intervals.middle(*map(float, ends))
                 return True
-            self.begin(inside, min(max((rank - begin) / self._inside, 0.0), 1.0))
+            self.begin(inside, min(max((k - begin) / self._inside, 0.0), 1.0))
             self.clear()
             return False
         self._misses += 1

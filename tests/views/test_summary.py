@@ -66,7 +66,8 @@ def test_several_measures_and_python(result):
     assert numbers(lines[2]) == pytest.approx(wanted, rel=2e-6)
     megno = ds.megno.values[2:]
     assert numbers(lines[3])[0] == pytest.approx(np.median(megno), rel=2e-6)
-    assert numbers(lines[4])[0] == pytest.approx(np.quantile(megno, 0.9), rel=2e-6)
+    nine = np.quantile(megno, 0.9, method="averaged_inverted_cdf")
+    assert numbers(lines[4])[0] == pytest.approx(nine, rel=2e-6)
     assert numbers(lines[5])[0] == pytest.approx(ds.start_omega.values[0, 2:].mean(), rel=2e-6)
     assert ds.rigid.summary(of=texts).splitlines()[1:] == lines[1:]
     assert ds.rigid.summary(of=texts[0]).splitlines()[-1] == lines[2]

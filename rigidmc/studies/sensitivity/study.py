@@ -217,13 +217,14 @@ def _ratios(means: Array, errors: Array, factor: float) -> Interval:
     factor : Student's quantile, squared
     Source: Fieller, J. R. Stat. Soc. B 16 (1954) 175.
     """
-    size, above = means[0], means[1:]
+    size, value = means[0], means[1:] / means[0]
     known = size**2 - factor * errors[0, 0]
     known = np.where(known > 0.0, known, np.nan)
-    middle = (above * size - factor * errors[0, 1:]) / known
-    least = (above**2 - factor * np.diag(errors)[1:]) / known
-    half = np.sqrt(middle**2 - least)
-    return Interval(above / size, middle - half, middle + half)
+    # the set is value + shift +- half, where `half` exceeds |shift| after rounding, too
+    shift = factor * (value * errors[0, 0] - errors[0, 1:]) / known
+    spread = np.diag(errors)[1:] - 2.0 * value * errors[0, 1:] + value**2 * errors[0, 0]
+    half = np.hypot(shift, np.sqrt(factor * np.maximum(spread, 0.0) / known))
+    return Interval(value, value + (shift - half), value + (shift + half))
 
 
 def _mean_of(text: str, variables: Variables, may_save_more: bool = True) -> Measure:
