@@ -19,6 +19,7 @@ STARTUP.mkdir(parents=True, exist_ok=True)
     "from rigidmc.engine import compile_helper\n"
     "compile_helper.threads_available = lambda: 1\n"
     "del compile_helper\n"
+    "get_ipython().run_line_magic('precision', '%.6g')\n"  # of numbers that cells show
 )
 os.environ["IPYTHONDIR"] = str(IPYTHON)
 

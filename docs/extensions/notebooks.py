@@ -8,8 +8,12 @@ from copy import deepcopy
 from pathlib import Path
 
 import nbformat
+from sphinx.util import logging
 
+log = logging.getLogger(__name__)
 IS_NOTEBOOK = re.compile(r"---\nfile_format: mystnb\n")
+# the lines of a scene file keep the digits that make the same bits
+LONG = re.compile(r"(?m)^(?!\w+ = ).*?(\d[\d.]{11,})")
 HAS_SOLUTIONS = re.compile(r"tags.*\bsolution\b")
 # {what Sphinx alone can read: what Jupyter shows instead}
 IN_JUPYTER = {
@@ -55,12 +59,24 @@ def without_solutions(notebook):
     return left
 
 
+def long_numbers(notebook):
+    """Numbers of more than eleven digits in the text that cells show, one for each line."""
+    found = []
+    for output in (o for cell in notebook.cells for o in cell.get("outputs", ())):
+        shown = output.get("data", {"text/plain": output.get("text", "")})
+        if "text/html" not in shown:
+            found += LONG.findall(shown.get("text/plain", ""))
+    return found
+
+
 def convert(app, doctree):
     """Make the notebooks that the links of a page offer."""
     path = Path(app.env.mystnb_config.output_folder, f"{app.env.docname}.ipynb")
     if not path.is_file():
         return
     notebook = nbformat.read(path, 4)
+    for number in long_numbers(notebook):
+        log.warning("%s: a cell prints %s; round it", app.env.docname, number)
     for cell in notebook.cells:
         if cell.cell_type == "markdown":
             cell.source = in_jupyter(cell.source)

@@ -66,6 +66,24 @@ def test_exercises_have_no_solutions_and_no_outputs(notebooks):
     assert left.cells[1].outputs == [] and asked.outputs  # of the copy alone
 
 
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("turns:\n1.3004957461220616\n", ["1.3004957461220616"]),
+        ("0.400001, 1,234,567.891 and -1.23456789e-10", []),
+        ("omega = [0.0, 6.283185307179586]", []),  # of a scene file
+    ],
+)
+def test_long_numbers_are_found(text, found, notebooks):
+    v4 = pytest.importorskip("nbformat").v4
+    shown = v4.new_output("execute_result", data={"text/plain": text})
+    for output in (v4.new_output("stream", text=text), shown):
+        page = v4.new_notebook(cells=[v4.new_code_cell("1", outputs=[output])])
+        assert notebooks.long_numbers(page) == found
+    shown.data["text/html"] = "a dataset"
+    assert notebooks.long_numbers(page) == []
+
+
 def defined(page, name):
     """The names that the cell with a function defines."""
     text = (ROOT / "docs" / "teaching" / f"{page}.md").read_text("utf-8")
