@@ -35,6 +35,7 @@ lean_passes        Numba's passes without the work that these functions do not n
 inlined            an inlined function, compiled for the types of a call
 fma                the one rule that decides which products are fused with sums
 disk_cache         kernels on disk, named by a hash of all their inputs
+source_stamps      that hash for modules of the package
 user_stamps        that hash for a custom class
 numba_extensions   whether another package has changed how Numba compiles
 

@@ -1,10 +1,10 @@
-"""A private disk cache of compiled code, invalidated by any change of the sources.
+"""A private disk cache of compiled code, invalidated by any change of the sources that it reads.
 
-Its folder is named by a hash of all sources and compilers. Each file is named by a hash of the
-types that a kernel is compiled for, and of the stamps of custom classes
-(`rigidmc.engine.compiler.user_stamps`). Each kernel is followed by its checksum: a flipped bit in
-machine code would crash. The classes of Numba's disk cache do the rest; they are private to Numba,
-and without them every process recompiles.
+Its folder is named by a hash of the compilers and of their sources here. Each file is named by a
+hash of the kernel's function, of the types that it is compiled for, and of the stamps of their
+sources: `source_stamps` for the package, `user_stamps` for custom classes. Each kernel is followed
+by its checksum: a flipped bit in machine code would crash. The classes of Numba's disk cache do the
+rest; they are private to Numba, and without them every process recompiles.
 """
 
 import contextlib
@@ -33,9 +33,9 @@ import platformdirs
 from numba.core import caching
 from numba.core.serialize import NumbaPickler
 
+from rigidmc.engine.compiler.source_stamps import source_stamp
 from rigidmc.engine.compiler.user_stamps import classes_of, homes_of
 from rigidmc.files.opening import open_plain
-from rigidmc.files.processes import PACKAGE
 
 
 def with_cache(kernel: Any) -> Any:
@@ -46,11 +46,9 @@ def with_cache(kernel: Any) -> Any:
     """
     try:
         folder = kernel_folder()
-        stamp = os.path.basename(folder)
-        delete_old(stamp)
         # private to Numba: AttributeError if it changes
         kernel._cache = cache_class(folder)(kernel.py_func)
-        kernel._cache._cache_file = CacheFiles(folder, "kernel", stamp)
+        kernel._cache._cache_file = CacheFiles(folder, home_of(kernel.py_func))
     except (ImportError, AttributeError, OSError, RuntimeError) as error:
         log_once(error)
     return kernel
@@ -74,6 +72,8 @@ def is_cached(kernel: Any, signature: Any) -> bool:
 
 
 _texts: dict[tuple[Any, ...], str] = {}  # of this process
+# The modules that make texts: code for GPUs and browsers, why a part runs on single members.
+_TEXT_MAKERS = "rigidmc.engine.cuda.program", "rigidmc.engine.wasm.program"
 
 
 def text_path(signatures: Sequence[Any], extra: str) -> str | None:
@@ -84,7 +84,8 @@ def text_path(signatures: Sequence[Any], extra: str) -> str | None:
     homes = [homes_of(signature) for signature in signatures]
     if None in homes:
         return None
-    name = hashlib.sha256(repr((signatures, homes, extra)).encode()).hexdigest()
+    reads = source_stamp(*_TEXT_MAKERS)
+    name = hashlib.sha256(repr((signatures, homes, reads, extra)).encode()).hexdigest()
     return os.path.join(kernel_folder(), name)
 
 
@@ -121,6 +122,7 @@ def _from_disk(signatures: Sequence[Any], extra: str, make: Callable[[], str]) -
             ):
                 checksum, _, text = file.read().partition("\n")
                 if checksum == hashlib.sha256(text.encode()).hexdigest():
+                    os.utime(path)  # see `delete_unread`
                     return text
     except (OSError, ValueError) as error:
         log_once(error)
@@ -149,11 +151,18 @@ class CacheFiles(caching.IndexDataCacheFile):
     """One file for each kernel, named by its key: processes that compile at once do not collide.
 
     Numba's data is followed by its sha256: code with a flipped bit would crash, and is not loaded.
+
+    home : of the kernel's function, see `home_of`
     """
+
+    def __init__(self, folder: str, home: str) -> None:
+        super().__init__(folder, "kernel", os.path.basename(folder))
+        self.home = home
 
     def _name(self, key: Any) -> str:
         homes = homes_of(key[0])  # the text of a type does not name its module
-        return hashlib.sha256(repr((key, homes)).encode()).hexdigest() + ".nbc"
+        name = repr((self.home, key, homes))
+        return hashlib.sha256(name.encode()).hexdigest() + ".nbc"
 
     def save(self, key: Any, data: Any) -> None:
         try:
@@ -162,6 +171,7 @@ class CacheFiles(caching.IndexDataCacheFile):
             packed = file.getvalue()
             with self._open_for_write(self._data_path(self._name(key))) as file:
                 file.write(packed + hashlib.sha256(packed).digest())
+            delete_unread()
         except OSError as error:
             log_once(error)
 
@@ -171,6 +181,7 @@ class CacheFiles(caching.IndexDataCacheFile):
             with open(path, "rb", opener=open_plain) as file:
                 data = file.read()
             if hashlib.sha256(data[:-_SUM]).digest() == data[-_SUM:]:
+                os.utime(path)  # see `delete_unread`
                 return _Unpickler(io.BytesIO(data), _user_classes(key[0])).load()
             os.unlink(path)
         except FileNotFoundError:
@@ -285,12 +296,17 @@ _C_LIBRARY = " ".join(platform.libc_ver())
 _TOLD: set[str] = set()  # folders whose failure has been logged
 _STAMP = re.compile("[0-9a-f]{32}")
 _MARK = "made-by-rigidmc"  # an empty file in each folder of kernels
-_KEEP_SECONDS = 30 * 86400  # kernels of other versions of the sources are deleted after a month
+_KEEP_SECONDS = 30 * 86400  # code that no process reads for a month is deleted
 
 
-@functools.cache  # this process has loaded the sources as they are now; later changes do not count
-def source_stamp() -> str:
-    """Return a hash of the package's sources, of the compilers, and of NumPy and the C library.
+def home_of(function: Any) -> str:
+    """Return an identifier of a kernel's function, with the stamp of the sources that it reads."""
+    return f"{function.__module__} {function.__qualname__} {source_stamp(function.__module__)}"
+
+
+@functools.cache
+def compiler_stamp() -> str:
+    """Return a hash of the compilers, of the sources that call them, of NumPy and the C library.
 
     Compilers may compute with functions of the two libraries. Any change makes every cached kernel
     stale.
@@ -298,14 +314,8 @@ def source_stamp() -> str:
     # Everything that decides machine code except the CPU, which is in Numba's key.
     compilers = f"{sys.version} numba {numba.__version__} llvmlite {llvmlite.__version__}"
     libraries = f"numpy {np.__version__} {_C_LIBRARY}"
-    digest = hashlib.sha256(f"{compilers} {libraries}".encode())
-    for folder, folders, files in os.walk(PACKAGE):
-        folders.sort()
-        for name in sorted(files):
-            if name.endswith(".py"):
-                with open(os.path.join(folder, name), "rb") as file:
-                    digest.update(name.encode() + b"\0" + file.read())
-    return digest.hexdigest()[:32]
+    sources = source_stamp("rigidmc.engine.compiler.kernels")
+    return hashlib.sha256(f"{compilers} {libraries} {sources}".encode()).hexdigest()[:32]
 
 
 def cache_folder() -> str:
@@ -325,8 +335,8 @@ def cache_home() -> str:
 
 
 def kernel_folder() -> str:
-    """Return the kernel folder of these sources and compilers; raise OSError if it is unusable."""
-    folder = make_private(os.path.join(cache_home(), source_stamp()))
+    """Return the kernel folder of these compilers; raise OSError if it is unusable."""
+    folder = make_private(os.path.join(cache_home(), compiler_stamp()))
     with contextlib.suppress(FileExistsError):
         os.close(os.open(os.path.join(folder, _MARK), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
     return folder
@@ -349,18 +359,28 @@ def make_private(folder: str) -> str:
     return folder
 
 
-def delete_old(stamp: str) -> None:
-    """Delete the kernels of other versions of the sources after a month.
+@functools.cache  # once a process, when it stores its first kernel
+def delete_unread() -> None:
+    """Delete the kernels that no process has read for a month, and folders left empty.
 
-    This deletes only folders with the name and the mark of such kernels.
+    This touches only folders with the name and the mark of such kernels.
     """
-    for entry in os.scandir(cache_home()):
-        with contextlib.suppress(OSError):  # another process deletes it
-            facts = entry.stat(follow_symlinks=False)
-            ours = _STAMP.fullmatch(entry.name) and stat.S_ISDIR(facts.st_mode)
-            if ours and entry.name != stamp and time.time() - facts.st_mtime > _KEEP_SECONDS:
-                os.lstat(os.path.join(entry.path, _MARK))  # raises if it is missing
-                shutil.rmtree(entry.path, ignore_errors=True)
+    for folder in os.scandir(cache_home()):
+        if not (_STAMP.fullmatch(folder.name) and folder.is_dir(follow_symlinks=False)):
+            continue
+        with contextlib.suppress(OSError):  # no mark; or another process deletes it
+            marked = os.lstat(os.path.join(folder.path, _MARK)).st_mtime
+            newest = max(marked, *map(_delete_if_unread, os.scandir(folder.path)), 0.0)
+            if time.time() - newest > _KEEP_SECONDS:
+                shutil.rmtree(folder.path)
+
+
+def _delete_if_unread(file: os.DirEntry[str]) -> float:
+    """Return the time when a file was last read; delete a kernel or text unread for a month."""
+    read = file.stat(follow_symlinks=False).st_mtime
+    if file.name != _MARK and time.time() - read > _KEEP_SECONDS:
+        os.unlink(file.path)
+    return read
 
 
 def log_once(error: Exception) -> None:

@@ -8,7 +8,7 @@ so a stamp accepts only a short list of things:
 - NamedTuples as classes: fields, defaults, and the compiled methods
 - functions of `numba.njit` with plain options
 - objects of builtins, math, numpy and rigidmc under their own names; the versions are in the name
-  of the cache folder
+  of the cache folder, those of rigidmc with the stamp of their sources
 
 A function that reads anything else has no stamp and is compiled in every process. The same holds
 for a function whose globals have changed since it was first seen: Numba keeps the code compiled
@@ -34,6 +34,7 @@ from numba.core.caching import NullCache
 from numba.core.registry import CPUDispatcher
 
 from rigidmc.engine.compiler.numba_extensions import extension
+from rigidmc.engine.compiler.source_stamps import source_stamp
 from rigidmc.files.processes import PACKAGE
 from rigidmc.physics.dynamics.methods import METHODS
 
@@ -100,18 +101,25 @@ def classes_of(signature: Any) -> list[type]:
 def homes_of(signature: Any) -> list[str] | None:
     """Return identifiers that distinguish the classes of a signature from namesakes.
 
-    Each is a module of the package, or a stamp. Return None if a class has no stamp.
+    Each is a module of the package and the stamp of its sources, or the stamp of a custom class.
+    Return None if a class has no stamp.
 
     signature : of a compiled function, or its types
     """
     homes = []
     for cls in classes_of(signature):
-        own = not cls.__module__.startswith("rigidmc.")
-        home = stamp_of(cls) if own else cls.__module__
+        of_package = cls.__module__.startswith("rigidmc.")
+        home = _with_sources(cls.__module__) if of_package else stamp_of(cls)
         if home is None:
             return None
         homes.append(home)
     return homes
+
+
+def _with_sources(module: str) -> str:
+    """Return the name of a module and the stamp of its sources, if it is one of the package."""
+    of_package = module.partition(".")[0] == "rigidmc"
+    return f"{module} {source_stamp(module)}" if of_package else module
 
 
 def tag_of(signature: Any) -> str:
@@ -333,7 +341,7 @@ def _library_name(value: Any) -> str:
     value_there: Any = sys.modules.get(home)
     for word in str(name).split("."):
         value_there = getattr(value_there, word, None)
-    return f"{home} {name}" if value_there is value else ""
+    return f"{_with_sources(home)} {name}" if value_there is value else ""
 
 
 @functools.cache

@@ -112,37 +112,143 @@ def kernels_in(folder):
     return sorted(folder.rglob("*.nbc"))
 
 
-def test_a_changed_source_changes_the_kernel(place):
+def edit(place, path, old, new):
+    """Change a source; not even its date differs."""
+    source = place / "rigidmc" / path
+    text, stamp = source.read_text(), source.stat()
+    assert old in text
+    source.write_text(text.replace(old, new))
+    os.utime(source, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
+
+
+WITH_DAMPING = 3  # of the pieces: initialise, march, assess
+
+
+def test_a_changed_source_changes_the_kernels_that_read_it(place):
     first, log = ran(place)
     assert (first["hits"], first["misses"], log) == (0, PIECES, "")
     assert len(kernels_in(place / "cache")) == PIECES
-    source = place / "rigidmc" / "physics" / "effects" / "damping.py"
-    text, stamp = source.read_text(), source.stat()
-    assert "return scale(-self.rate, l)" in text
-    source.write_text(text.replace("return scale(-self.rate, l)", "return scale(+self.rate, l)"))
-    os.utime(source, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))  # not even its date differs
-    changed, _ = ran(place)
-    assert (changed["hits"], changed["misses"]) == (0, PIECES)
-    assert changed["state"] != first["state"]
-
-    # Back again, and the old kernel is still there: loaded, not compiled. What is very old is
-    # deleted.
-    source.write_text(text)
+    kernel = kernels_in(place / "cache")[0]
     ours = place / "cache" / "rigidmc-kernels"
     forgotten, young, unmarked, linked = (ours / (digit * 32) for digit in "0123")
     kept = [ours / "thesis", place / "cache" / "thesis", place / "cache" / ("4" * 32), unmarked]
     for folder in (forgotten, young, *kept):
         folder.mkdir()
+        (folder / "kernel.nbc").touch()
         if folder != unmarked:
             (folder / "made-by-rigidmc").touch()
     linked.symlink_to(kept[1])
+    unread = kernel.with_name("unread.nbc")
+    unread.touch()
     for folder in (forgotten, *kept):
-        os.utime(folder, (0, 0))
+        for file in folder.iterdir():
+            os.utime(file, (0, 0))
+    os.utime(unread, (0, 0))
+
+    damping = "physics/effects/damping.py", "return scale(-self.rate, l)"
+    edit(place, *damping, "return scale(+self.rate, l)")
+    changed, _ = ran(place)
+    assert (changed["hits"], changed["misses"]) == (PIECES - WITH_DAMPING, WITH_DAMPING)
+    assert changed["state"] != first["state"]
+    # A process that stores kernels deletes those that none has read for a month.
+    assert all(folder.exists() for folder in (young, linked, *kept))
+    assert all((folder / "kernel.nbc").exists() for folder in (young, *kept))
+    assert not forgotten.exists() and not unread.exists()
+
+    # Back again, and the old kernel is still there: loaded, not compiled, whatever has changed in
+    # files that no kernel of this program reads.
+    edit(place, damping[0], "return scale(+self.rate, l)", damping[1])
+    edit(place, "cli/scenes.py", "import", "# a comment\nimport")
+    edit(place, "physics/effects/gravity.py", "import math", "import math  # a comment")
     back, _ = ran(place)
     assert (back["hits"], back["misses"]) == (PIECES, 0)
     assert back["state"] == first["state"]
-    assert all(folder.exists() for folder in (young, linked, *kept))
-    assert not forgotten.exists()
+
+    # A function that all kernels read: all are stale.
+    edit(place, "physics/dynamics/so3.py", "from", "# a comment\nfrom")
+    other, _ = ran(place)
+    assert (other["hits"], other["misses"]) == (0, PIECES)
+
+
+# Prints what was compiled for each kernel beyond the sources in its stamp.
+TRACED = """
+import json, os
+from collections import defaultdict
+from rigidmc.engine import compile_helper
+from rigidmc.engine.compiler import compose, disk_cache, kernels, pipeline, user_stamps
+from rigidmc.engine.compiler.source_stamps import closure_of
+from rigidmc.files.processes import PACKAGE
+import rigidmc as rm
+
+plain, define = kernels._loaded_or_compiled, pipeline.Pipeline.define_pipelines
+signature_of = compose.InlinedFunction.signature_of
+files, calls, stack, homes = defaultdict(set), defaultdict(set), [None], {}
+
+def kernel(dispatcher, signature):
+    stack.append((dispatcher.py_func, signature.args))
+    homes[stack[-1]] = {cls.__module__ for cls in user_stamps.classes_of(signature)}
+    try:
+        return plain(dispatcher, signature)
+    finally:
+        stack.pop()
+
+def inlined(self, context, args, kws):
+    key = self.function, tuple(args), tuple(kws.items())
+    calls[stack[-1]].add(key)
+    stack.append(key)
+    try:
+        return signature_of(self, context, args, kws)
+    finally:
+        stack.pop()
+
+def compiled(self):
+    file = self.state.func_id.func.__code__.co_filename
+    if file.startswith(PACKAGE):
+        files[stack[-1]].add(os.path.relpath(file, PACKAGE))
+    return define(self)
+
+kernels._loaded_or_compiled, pipeline.Pipeline.define_pipelines = kernel, compiled
+compose.InlinedFunction.signature_of = inlined
+disk_cache.with_cache = lambda kernel: kernel
+compile_helper.threads_available = lambda: 1
+body = rm.Body.from_moments((1, 2, 2.8), mass=1.0, centre=(0, 0, 0.1))
+scene = rm.Scene(body, (rm.Gravity(9.81), rm.ViscousDamping(0.1)), rm.Start(omega=(0.1, 1, 2)))
+run = {"dt": 0.01, "t_end": 0.1, "members": 2}
+exec(os.environ["RUNS"])
+base = set(closure_of("rigidmc.engine.compiler.kernels"))
+counts, missed = [], []
+for root in homes:
+    reached = [root]
+    for key in reached:
+        reached.extend(calls[key] - {*reached})
+    read = set().union(*(files[key] for key in reached))
+    stamped = base | {*closure_of(root[0].__module__, *homes[root])}
+    counts.append(len(read))
+    missed.append([root[0].__name__, sorted(read - stamped)])
+print(json.dumps([counts, [each for each in missed if each[1]]]))
+"""
+RUNS = (
+    "rm.simulate(scene, 'rk8', save=('flips', 'energy', 'attitude'), **run)",
+    "rm.simulate(scene, 'strang', save=('nutation', 'omega'), wrt=('effects.gravity.g',), **run)",
+    "rm.solve_lagrange_top((1.0, 1.0, 0.5), 1.0, (0.0, 0.0, 5.0), (0.96, 0.28, 0.0, 0.0), [1.0])",
+    "rm.simulate(rm.Scene(rm.Body((1, 2, 3)), (), scene.start), 'exact', save=('omega',), **run)",
+    "rm.simulate(rm.Scene(rm.Body((1, 2, 3)), (), scene.start), 'closed', **run)",
+    "[rm.simulate(scene, name, save=('energy',), **run) for name in ('rk4', 'cf4', 'rkmk4')]",
+    "rm.simulate(scene, 'gbs12', save=('megno',), **run)",
+)
+
+
+@pytest.mark.parametrize(
+    "runs", [RUNS[0], *(pytest.param(each, marks=pytest.mark.slow) for each in RUNS[1:])]
+)
+def test_the_stamp_of_a_kernel_has_every_source_compiled_for_it(runs, tmp_path):
+    """A kernel is compiled from up to 17 files beyond Numba's; its stamp has 38 or more."""
+    command = [sys.executable, "-c", TRACED]
+    environment = os.environ | {"RUNS": runs, "RIGIDMC_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    counts, missed = json.loads(done.stdout)
+    assert max(counts) > 10 and missed == []
 
 
 @pytest.mark.slow

@@ -565,6 +565,6 @@ def test_a_run_with_an_own_effect_compiles_nothing_in_the_next_process(place):
     ],
 )
 def test_another_library_makes_all_kernels_stale(monkeypatch, of, name, value):
-    before = disk_cache.source_stamp.__wrapped__()
+    before = disk_cache.compiler_stamp.__wrapped__()
     monkeypatch.setattr(of, name, value)
-    assert disk_cache.source_stamp.__wrapped__() != before
+    assert disk_cache.compiler_stamp.__wrapped__() != before
