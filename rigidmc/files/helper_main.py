@@ -7,11 +7,14 @@ Arguments: the module whose `main` to call, then the folders for imports.
 import importlib
 import importlib.util
 import os
+import signal
 import sys
 
 
 def main() -> None:
     """Import from the given folders, load this package from this file's folder, and call `main`."""
+    # a terminal sends Ctrl-C to all its processes; the starting process decides when a helper ends
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     module, *folders = sys.argv[1:]
     sys.path[:] = folders
     package = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))

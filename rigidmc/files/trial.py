@@ -7,6 +7,8 @@ CPU time.
 
 import atexit
 import contextlib
+import faulthandler
+import itertools
 import json
 import math
 import os
@@ -32,9 +34,12 @@ MEMORY = 3 * 2**28
 PACKED = 1100  # zlib expands a byte to at most 1032: no file holds more than PACKED times its size
 MOST = 10_000  # variables
 _KEPT = 10_000  # accepted files to remember: shards are read several times
+Helper = subprocess.Popen[str]
 _sound: dict[tuple[str | int, ...], None] = {}
 _lock = threading.Lock()
-_helpers: list[subprocess.Popen[str]] = []
+_idle: list[Helper] = []  # at most one
+_of_parents: list[Helper] = []
+_numbers = itertools.count()
 
 
 def refuse_unreadable(path: Path, kind: str = "netCDF") -> None:
@@ -66,58 +71,101 @@ def refuse_unreadable(path: Path, kind: str = "netCDF") -> None:
 
 
 def _verdict(kind: str, path: str) -> str:
-    """Return the helper's complaint about a file, "" if it has none."""
-    if not _helpers or _helpers[0].poll() is not None:
-        _end()
-        _helpers.append(start_helper(__name__))
-        atexit.register(_end)
-        if _helpers[0].stdout is None or not _helpers[0].stdout.readline():
-            _end()
-            raise OSError(f"{path}: not opened: the helper process that tests files does not start")
-    helper = _helpers[0]
-    assert helper.stdin is not None and helper.stdout is not None
-    patience = PATIENCE + (os.stat(path).st_size / MESH_SPEED if kind == "mesh" else 0.0)
-    clock = threading.Timer(patience, helper.kill)
-    clock.start()
+    """Return the helper's complaint about a file, "" if it has none.
+
+    A helper is idle only after it has answered its question. Whatever interrupts the wait, the next
+    file goes to another helper: the answer in the pipe belongs to the previous file.
+    """
+    while _idle and _idle[0].poll() is not None:
+        _end(_idle.pop())
+    is_new, words = not _idle, None
+    helper = start_helper(__name__) if is_new else _idle.pop()
     try:
-        with contextlib.suppress(BrokenPipeError, ValueError):
-            helper.stdin.write(json.dumps([kind, path]) + "\n")
-            helper.stdin.flush()
-            return str(json.loads(helper.stdout.readline()))
+        if is_new and not _line(helper):
+            rule = "not opened: the helper process that tests files does not start"
+            raise OSError(f"{path}: {rule}")
+        words = _answer(helper, kind, path)
     finally:
-        clock.cancel()
-    _end()
-    return f"is damaged: the reader of {kind} files crashes on it or takes too long"
+        if words is None:
+            _end(helper)
+    if words is None:
+        return f"is damaged: the reader of {kind} files crashes on it or takes too long"
+    _idle.append(helper)
+    return words
 
 
-def _end() -> None:
-    """End the helper."""
-    while _helpers:
-        helper = _helpers.pop()
-        helper.kill()
-        for pipe in (helper.stdin, helper.stdout):
-            if pipe is not None:
-                with contextlib.suppress(OSError):
-                    pipe.close()
-        helper.wait()
+def _line(helper: Helper) -> str:
+    """Return the next line of a helper, "" if it ends without one."""
+    assert helper.stdout is not None
+    return helper.stdout.readline()
+
+
+def _answer(helper: Helper, kind: str, path: str) -> str | None:
+    """Return a helper's complaint about a file, None if the helper ends without an answer."""
+    assert helper.stdin is not None
+    question = [next(_numbers), kind, path]
+    with contextlib.suppress(BrokenPipeError):
+        helper.stdin.write(json.dumps(question) + "\n")
+        helper.stdin.flush()
+    line = _line(helper)
+    if not line.endswith("\n"):
+        return None
+    answered, words = json.loads(line)
+    if answered != question:
+        raise OSError(f"{path}: not opened: the helper process that tests files is out of step")
+    return str(words)
+
+
+def _end(helper: Helper) -> None:
+    """End a helper."""
+    helper.kill()
+    for pipe in (helper.stdin, helper.stdout):
+        if pipe is not None:
+            with contextlib.suppress(OSError):
+                pipe.close()
+    helper.wait()
+
+
+@atexit.register
+def _end_all() -> None:
+    while _idle:
+        _end(_idle.pop())
+
+
+def _forked() -> None:
+    """In a fork: leave the helpers, and a lock that another thread holds, to the parent process."""
+    global _lock
+    _lock = threading.Lock()
+    _of_parents.extend(_idle)  # dropping one would warn that it still runs
+    _idle.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forked)
 
 
 def main() -> None:
-    """Run the helper: read paths, write complaints, one per line. A timer signal ends it if a file
-    takes too long."""
+    """Run the helper: read questions, write them with complaints, one per line. Timers end it if a
+    file takes too long."""
     import netCDF4  # noqa: F401  (before memory is counted)
 
     print(flush=True)  # report the start
     for line in sys.stdin:
-        kind, path = json.loads(line)
+        question = json.loads(line)
+        _, kind, path = question
         size = os.stat(path).st_size
         if kind == "mesh":
             import trimesh.exchange.load  # noqa: F401  (before memory and time are counted)
         _limit_memory(MEMORY + (MESH_BYTES * size if kind == "mesh" else 0))
-        _limit_computing(SECONDS + (size / MESH_SPEED if kind == "mesh" else 0.0))
+        more = size / MESH_SPEED if kind == "mesh" else 0.0
+        _limit_computing(SECONDS + more)
+        # here, not in the process that waits: a signal that interrupts its start leaves a
+        # threading.Timer that keeps Python from ending
+        faulthandler.dump_traceback_later(PATIENCE + more, exit=True)
         words = complaint(path) if kind == "netCDF" else _mesh_complaint(path)
         _limit_computing(0.0)
-        print(json.dumps(words), flush=True)
+        faulthandler.cancel_dump_traceback_later()
+        print(json.dumps([question, words]), flush=True)
 
 
 def _limit_memory(more: int) -> None:

@@ -88,15 +88,16 @@ def test_a_helper_executes_nothing_of_the_folder(planted, module, monkeypatch):
     monkeypatch.chdir(planted)
     monkeypatch.setattr(sys, "path", ["", str(planted), *sys.path])
     monkeypatch.setenv("PYTHONPATH", f":{planted}")
+    question = [7, "netCDF", str(planted / "a.nc")]
     task = {
-        "files.trial": json.dumps(["netCDF", str(planted / "a.nc")]),
+        "files.trial": json.dumps(question),
         "engine.compile_helper": "[]",
     }.get(module, "")
     with processes.start_helper(f"rigidmc.{module}") as helper:
         out, _ = helper.communicate(task, timeout=100)
     assert untouched(planted) is True
     if module == "files.trial":
-        assert [json.loads(line) for line in out.split("\n") if line] == [""]
+        assert [json.loads(line) for line in out.split("\n") if line] == [[question, ""]]
     if task:
         assert helper.returncode == 0
 
@@ -131,16 +132,16 @@ def test_the_folders_of_a_helper_lack_the_working_directory(tmp_path, monkeypatc
 
 def test_a_helper_finds_the_package_by_its_place(planted, monkeypatch):
     """As one installed by PYTHONPATH, or beside a second one in site-packages."""
-    trial._end()
+    trial._end_all()
     trial._sound.clear()
     home = str(ROOT.parent)
     monkeypatch.setattr(sys, "path", [p for p in sys.path if p not in ("", home)])
     trial.refuse_unreadable(planted / "a.nc")
-    trial._end()
+    trial._end_all()
 
 
 def test_a_helper_that_does_not_start_is_said_to(planted, monkeypatch):
-    trial._end()
+    trial._end_all()
     trial._sound.clear()
     monkeypatch.setattr(sys, "path", [])
     monkeypatch.setattr(processes, "folders", list)

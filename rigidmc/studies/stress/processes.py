@@ -34,16 +34,21 @@ def carry_out(
     """
     waiting = sorted(tasks, key=lambda name: -INTEGRATORS[name].evaluations * bool(tasks[name]))
     outcomes: dict[tuple[int, str], Outcome] = {}
-    lock = threading.Lock()
+    lock, stopped, workers = threading.Lock(), threading.Event(), list[Worker]()
 
     def work(report: Any) -> None:
         worker: Worker | None = None
         while True:
             with lock:
-                if not waiting:
+                if not waiting or stopped.is_set():
                     break
                 name = waiting.pop(0)
             for i in tasks[name]:
+                if stopped.is_set():
+                    break
+                if worker is None:
+                    worker = _started()
+                    workers.append(worker)
                 worker, outcomes[i, name] = _asked(worker, i, name, share)
                 report.step(1)
         if worker:
@@ -54,22 +59,26 @@ def carry_out(
             threading.Thread(target=work, args=(report,), daemon=True)
             for _ in range(min(processes, len(tasks)))
         ]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            while thread.is_alive():
-                thread.join(0.2)
-                report.poll()
+        try:
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                while thread.is_alive():
+                    thread.join(0.2)
+                    report.poll()
+        finally:  # after Ctrl-C, neither threads nor workers continue
+            stopped.set()
+            for worker in workers:
+                worker.kill()
     return outcomes
 
 
 def _asked(
-    worker: Worker | None, case: int, integrator: str, share: float
+    worker: Worker, case: int, integrator: str, share: float
 ) -> tuple[Worker | None, Outcome]:
     """Return (worker, outcome); the worker is None if the case killed it, and the next case then
     starts a new one."""
     began = time.perf_counter()
-    worker = worker or _started()
     assert worker.stdin and worker.stdout
     try:
         worker.stdin.write(json.dumps([case, integrator, share]) + "\n")
