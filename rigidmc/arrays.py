@@ -153,6 +153,69 @@ def warn_of_rows(bad: ArrayLike, rule: str) -> None:
         warn(some + rule)
 
 
+Shape = tuple[int, ...]
+
+
+def broadcast_arguments(
+    *arguments: tuple[str, ArrayLike, int],
+) -> tuple[Shape, list[NDArray[np.float64]], NDArray[np.bool_]]:
+    """Return (leading shape, arrays (components, n), mask of bad rows (n,)) of the arguments of a
+    closed form, with the components first, as `rigidmc.engine.formulas` requires.
+
+    Moments must be positive, and all numbers finite. Bad rows are nan; SceneError if all are bad,
+    else a SceneWarning with their count; each names the first bad argument and its value. An
+    attitude that is nan has had its warning (`rigidmc.mechanics.rotation.quaternion`).
+
+    arguments : (name, value (..., components), number of components) each
+
+    With 0 components the value is a scalar (...) and its array (1, n). SceneError for values that
+    are not numbers, have a different number of components, or do not broadcast.
+    """
+    arrays = []
+    for name, value, size in arguments:
+        array = floats(value, name, size)
+        arrays.append(array if size else array[..., None])
+    try:
+        shape = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+    except ValueError:
+        shapes = ", ".join(
+            f"{name} {a.shape[:-1]}" for (name, _, _), a in zip(arguments, arrays, strict=True)
+        )
+        rule = (
+            f"leading shapes do not broadcast: {shapes}; "
+            "give an axis of length 1 where they differ, e.g. (bodies, 1) and (times,)"
+        )
+        raise SceneError(rule, at=arguments[0][0]) from None
+    columns = {
+        name: np.moveaxis(np.broadcast_to(a, shape + a.shape[-1:]), -1, 0).reshape(a.shape[-1], -1)
+        for (name, _, _), a in zip(arguments, arrays, strict=True)
+    }
+    bad = _bad_rows(columns)
+    found = [np.where(bad, np.nan, array) for array in columns.values()]
+    return shape, found, bad
+
+
+def _bad_rows(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
+    """Return the mask of bad rows of {name: (components, n)}, see `broadcast_arguments`."""
+    wrong = {
+        name: ~(np.isfinite(x) & ((x > 0.0) if name == "moments" else True)).all(0)
+        for name, x in columns.items()
+    }
+    bad: NDArray[np.bool_] = np.any(list(wrong.values()), axis=0)
+    untold = bad & ~wrong.get("attitude", np.zeros_like(bad))
+    name = next((name for name, rows in wrong.items() if (rows & untold).any()), None)
+    if name is None:
+        return bad
+    first = columns[name][:, np.argmax(wrong[name] & untold)]
+    value = first.tolist() if first.size > 1 else float(first[0])
+    rule = "must be positive and finite" if name == "moments" else "must be finite"
+    if untold.all():
+        many = f" (all of {bad.size:,} are bad)" if bad.size > 1 else ""
+        raise SceneError(rule + many, at=name, value=value)
+    warn_of_rows(untold, f"{name} = {value} {rule}")
+    return bad
+
+
 def split_components(value: Any, at: str, size: int) -> Any:
     """Return a vector of `size` quantities as a sequence of them, each a number, a column with one
     number per member, or whatever was given; SceneError.

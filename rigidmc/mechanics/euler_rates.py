@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import check_rows, floats
+from rigidmc.arrays import broadcast_arguments, check_rows, floats
 from rigidmc.mechanics.euler_angles import LOCKED, PROPER, TEXTBOOK, axes_of, check_sequence
 
 _Floats = NDArray[np.float64]
@@ -69,7 +69,12 @@ def omega_from_euler_rates(
     Raises
     ------
     SceneError
-        for an unknown sequence, or a wrong shape
+        for an unknown sequence, a wrong shape, or if no row has finite numbers
+
+    Warns
+    -----
+    SceneWarning
+        with the count of rows that are not finite, whose results are nan
 
     Examples
     --------
@@ -79,9 +84,9 @@ def omega_from_euler_rates(
     >>> omega.round(3).tolist()
     [0.0, 2.726, 199.447]
     """
-    angles, rates = floats(angles, "angles", 3), floats(rates, "rates", 3)
-    omega: _Floats = np.einsum("...ij,...j->...i", euler_rate_matrix(angles, sequence), rates)
-    return omega
+    shape, (angles, rates), _ = broadcast_arguments(("angles", angles, 3), ("rates", rates, 3))
+    omega = np.einsum("nij,jn->ni", euler_rate_matrix(angles.T, sequence), rates)
+    return omega.reshape(*shape, 3)
 
 
 def euler_rates(angles: ArrayLike, omega: ArrayLike, sequence: str = TEXTBOOK) -> _Floats:
@@ -107,12 +112,13 @@ def euler_rates(angles: ArrayLike, omega: ArrayLike, sequence: str = TEXTBOOK) -
     Raises
     ------
     SceneError
-        for an unknown sequence, a wrong shape, or if all angles are at gimbal lock
+        for an unknown sequence, a wrong shape, or if no row has finite numbers or all angles are at
+        gimbal lock
 
     Warns
     -----
     SceneWarning
-        with the count of angles at gimbal lock
+        with the count of rows that are not finite, and of angles at gimbal lock
 
     Examples
     --------
@@ -122,10 +128,9 @@ def euler_rates(angles: ArrayLike, omega: ArrayLike, sequence: str = TEXTBOOK) -
     """
     sequence = check_sequence(sequence)
     i, j, n, sign = axes_of(sequence)
-    angles, omega = floats(angles, "angles", 3), floats(omega, "omega", 3)
-    angles, omega = np.broadcast_arrays(angles, omega)
-    on = {k + 1: omega[..., k] for k in range(3)}
-    _, second, third = np.moveaxis(angles, -1, 0)
+    shape, (angles, omega), _ = broadcast_arguments(("angles", angles, 3), ("omega", omega, 3))
+    on = dict(zip((1, 2, 3), omega, strict=True))
+    _, second, third = angles
     is_proper = sequence in PROPER
     s3, c3 = np.sin(third), np.cos(third)
     turned = on[j] * s3 + sign * on[n] * c3 if is_proper else on[i] * c3 - sign * on[j] * s3
@@ -136,9 +141,11 @@ def euler_rates(angles: ArrayLike, omega: ArrayLike, sequence: str = TEXTBOOK) -
         first = np.where(bad, np.nan, turned / divisor(second))
     if is_proper:
         middle = on[j] * c3 - sign * on[n] * s3
-        return np.stack([first, middle, on[i] - first * rest(second)], -1)
-    middle = on[j] * c3 + sign * on[i] * s3
-    return np.stack([first, middle, on[n] - sign * first * rest(second)], -1)
+        last = on[i] - first * rest(second)
+    else:
+        middle = on[j] * c3 + sign * on[i] * s3
+        last = on[n] - sign * first * rest(second)
+    return np.stack([first, middle, last], -1).reshape(*shape, 3)
 
 
 def kinetic_energy_of_euler_rates(

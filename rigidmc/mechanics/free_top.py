@@ -1,7 +1,7 @@
 """The free top at any time in closed form, for arrays of bodies, TdC (3.35) and Example 3.6.
 
-Arguments of all closed forms broadcast in their leading shapes; `broadcast_arguments` moves their
-components to the first axis, as `rigidmc.engine.formulas` requires.
+Arguments of all closed forms broadcast in their leading shapes, and are checked by
+`rigidmc.arrays.broadcast_arguments`.
 """
 
 from typing import Any, NamedTuple
@@ -9,52 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import check_rows, floats
+from rigidmc.arrays import Shape, broadcast_arguments, floats
 from rigidmc.engine.formulas import evaluate
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.free_orbit import FreeOrbit, FreeOrbitFormula, FreeStateFormula, Phase
 from rigidmc.mechanics.rotation import Attitude, quaternion
 
-Shape = tuple[int, ...]
 
-
-def broadcast_arguments(
-    *arguments: tuple[str, ArrayLike, int],
-) -> tuple[Shape, list[NDArray[np.float64]]]:
-    """Return (leading shape, arrays (components, n)) of the values of some arguments.
-
-    arguments : (name, value (..., components), number of components) each
-
-    With 0 components the value is a scalar (...) and its array (1, n). SceneError for values that
-    are not numbers, have a different number of components, or do not broadcast.
-    """
-    arrays = []
-    for name, value, size in arguments:
-        array = floats(value, name, size)
-        arrays.append(array if size else array[..., None])
-    try:
-        shape = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
-    except ValueError:
-        shapes = ", ".join(
-            f"{name} {a.shape[:-1]}" for (name, _, _), a in zip(arguments, arrays, strict=True)
-        )
-        rule = (
-            f"leading shapes do not broadcast: {shapes}; "
-            "give an axis of length 1 where they differ, e.g. (bodies, 1) and (times,)"
-        )
-        raise SceneError(rule, at=arguments[0][0]) from None
-    return shape, [_components_first(a, shape) for a in arrays]
-
-
-def _components_first(array: NDArray[np.float64], shape: Shape) -> NDArray[np.float64]:
-    """Return an array (..., components) broadcast to a leading shape, as (components, n)."""
-    whole = np.moveaxis(np.broadcast_to(array, shape + array.shape[-1:]), -1, 0)
-    return whole.reshape(array.shape[-1], -1).copy()
-
-
-def spread(
-    shape: Shape, t: NDArray[np.float64]
-) -> tuple[Shape, NDArray[np.int64], NDArray[np.float64]]:
+def spread(shape: Shape, t: ArrayLike) -> tuple[Shape, NDArray[np.int64], NDArray[np.float64]]:
     """Return (shape, row, time): each body of a table at each time.
 
     shape : leading shape of the bodies, whose order is the order of the table's rows
@@ -63,16 +25,21 @@ def spread(
     Returns the shape to which both broadcast, and for each element its row of the table and its
     time.
     """
+    size, ((t,),), _ = broadcast_arguments(("t", t, 0))
     try:
-        whole = np.broadcast_shapes(shape, t.shape)
+        whole = np.broadcast_shapes(shape, size)
     except ValueError:
         rule = (
-            f"times {t.shape} do not broadcast against bodies {shape}; give an axis of length 1, "
+            f"times {size} do not broadcast against bodies {shape}; give an axis of length 1, "
             "e.g. bodies (n, 1) and times (m,)"
         )
         raise SceneError(rule, at="t") from None
     rows: NDArray[Any] = np.arange(int(np.prod(shape, dtype=int))).reshape(shape)
-    return whole, np.broadcast_to(rows, whole).reshape(-1), np.broadcast_to(t, whole).reshape(-1)
+    return (
+        whole,
+        np.broadcast_to(rows, whole).reshape(-1),
+        np.broadcast_to(t.reshape(size), whole).reshape(-1),
+    )
 
 
 class Motion(NamedTuple):
@@ -121,20 +88,13 @@ def _orbits(
     moments: ArrayLike, momentum: ArrayLike, attitude: Attitude
 ) -> tuple[NDArray[np.float64], Shape, NDArray[np.bool_]]:
     """Return (table of FreeOrbits, one row per top; leading shape; mask of bad rows)."""
-    shape, (moments, momentum, attitude) = broadcast_arguments(
+    shape, columns, bad = broadcast_arguments(
         ("moments", moments, 3), ("momentum", momentum, 3), ("attitude", quaternion(attitude), 4)
     )
-    bad = (
-        ~((moments > 0) & (moments < np.inf)).all(0)
-        | ~np.isfinite(momentum).all(0)
-        | ~(np.linalg.norm(attitude, axis=0) > 0)
-    )
-    rule = "moments must be positive, momenta finite, and quaternions nonzero"
-    check_rows(bad & ~np.isnan(attitude).any(0), rule)
-    columns = np.concatenate([moments, momentum, attitude])
-    columns[:, bad] = np.nan
+    columns = np.concatenate(columns)
     table = evaluate(FreeOrbitFormula, len(FreeOrbit._fields), columns).T.copy()
     table[:, FreeOrbit._fields.index("phase")] = evaluate(Phase, 1, table.T)[0]
+    table[bad] = np.nan
     return table, shape, bad
 
 
@@ -181,7 +141,7 @@ def solve_free_top(
     [[-0.084088, 0.492879, 0.173593], [0.184068, -0.464886, 0.197665]]
     """
     table, bodies, _ = _orbits(moments, momentum, attitude)
-    shape, index, times = spread(bodies, floats(t, "t"))
+    shape, index, times = spread(bodies, t)
     values = evaluate(FreeStateFormula, 7, times[None], table, index).reshape(7, *shape)
     q, l = np.moveaxis(values[:4], 0, -1), np.moveaxis(values[4:], 0, -1)
     return Motion(l, l / floats(moments, "moments"), q)
@@ -224,7 +184,10 @@ def analyse_free_top(moments: ArrayLike, momentum: ArrayLike) -> FreeMotionType:
     """
     table, shape, bad = _orbits(moments, momentum, (1.0, 0.0, 0.0, 0.0))
     o: Any = FreeOrbit(*table.T)
-    _, (moments, l) = broadcast_arguments(("moments", moments, 3), ("momentum", momentum, 3))
+    moments, l = (
+        np.moveaxis(np.broadcast_to(floats(x, name, 3), (*shape, 3)), -1, 0).reshape(3, -1)
+        for name, x in (("moments", moments), ("momentum", momentum))
+    )
     axis = np.where(bad, 0, _AXES[np.nan_to_num(o.shift).astype(int), (o.about == 3.0).astype(int)])
     with np.errstate(over="ignore"):  # components of L x omega, times moments
         torques = [(moments[i] - moments[j]) * l[i] * l[j] for i, j in ((1, 2), (2, 0), (0, 1))]

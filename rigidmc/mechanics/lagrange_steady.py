@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import check_rows, floats, warn_of_rows
+from rigidmc.arrays import Shape, broadcast_arguments, check_rows, warn_of_rows
 from rigidmc.errors import warn
 from rigidmc.units import degrees_note
 
 _Floats = NDArray[np.float64]
+ROUNDED = 2.0 * np.finfo(float).eps  # relative rounding of an angle, or of a product of 4 numbers
 
 
 def unequal_moments(first: _Floats, second: _Floats, axis: int = 3) -> NDArray[np.bool_]:
@@ -34,11 +35,16 @@ def unequal_moments(first: _Floats, second: _Floats, axis: int = 3) -> NDArray[n
     return unequal
 
 
-def _moments(moments: ArrayLike) -> tuple[_Floats, _Floats]:
-    """Return I_1 = I_2 and I_3 of tops; nan where I_1 and I_2 differ."""
-    first, second, third = np.moveaxis(floats(moments, "moments", 3), -1, 0)
+def _arguments(moments: ArrayLike, *scalars: tuple[str, ArrayLike]) -> tuple[Shape, list[_Floats]]:
+    """Return (leading shape, I_1 = I_2, I_3 and the scalars as arrays (n,)) of tops; nan where
+    I_1 and I_2 differ or an argument is bad. A SceneWarning for a theta that looks like degrees."""
+    named = [(name, value, 0) for name, value in scalars]
+    shape, ((first, second, third), *rest), _ = broadcast_arguments(("moments", moments, 3), *named)
+    for (name, _), (x,) in zip(scalars, rest, strict=True):
+        if name == "theta" and (note := degrees_note(x, "theta =")):
+            warn(note)
     unequal = unequal_moments(first, second)
-    return np.where(unequal, np.nan, first)[()], np.where(unequal, np.nan, third)[()]
+    return shape, [np.where(unequal, np.nan, x) for x in (first, third, *(x for (x,) in rest))]
 
 
 def effective_potential(
@@ -72,13 +78,14 @@ def effective_potential(
     Raises
     ------
     SceneError
-        for anything but numbers, a wrong shape, and if no top has equal moments I_1 and I_2
+        for anything but finite numbers and positive moments, for a wrong shape, and if no top has
+        equal moments I_1 and I_2
 
     Warns
     -----
     SceneWarning
-        with the count of tops whose moments differ, whose results are nan; for a theta that looks
-        like degrees
+        with the count of tops that are impossible or whose moments differ, whose results are nan;
+        for a theta that looks like degrees
 
     Examples
     --------
@@ -88,34 +95,31 @@ def effective_potential(
     >>> abs(low / motion.energy - 1.0) < 1e-12  # theta' = 0 at a turning angle
     np.True_
     """
-    first, third = _moments(moments)
-    weight, p_phi = floats(weight, "weight"), floats(p_phi, "p_phi")
-    p_psi, theta = floats(p_psi, "p_psi"), _tilt(theta)
-    cosine, sine = np.cos(theta), np.sin(theta)
+    shape, (first, third, weight, p_phi, p_psi, theta) = _arguments(
+        moments, ("weight", weight), ("p_phi", p_phi), ("p_psi", p_psi), ("theta", theta)
+    )
+    s, c = _half_angle(np.sin(0.5 * theta), theta), _half_angle(np.cos(0.5 * theta), theta)
+    minus, plus = 0.5 * (p_phi - p_psi), 0.5 * (p_phi + p_psi)
     with np.errstate(all="ignore"):
-        across = np.where(
-            np.abs(sine) > 0.0,
-            (p_phi - p_psi * cosine) ** 2 / sine**2,
-            np.where(p_phi == p_psi * cosine, 0.0, np.inf),
-        )
-    kinetic = 0.5 * across / first + 0.5 * np.square(p_psi) / third
-    potential: _Floats = kinetic + weight * cosine
-    return potential
+        # (p_phi - p_psi cos theta)/sin theta, without cancellation near the poles
+        down = np.where(minus == 0.0, 0.0, minus * c / s)
+        across = down + np.where(plus == 0.0, 0.0, plus * s / c)
+    kinetic = 0.5 * np.square(across) / first + 0.5 * np.square(p_psi) / third
+    potential: _Floats = kinetic + weight * np.cos(theta)
+    return potential.reshape(shape)[()]
 
 
-def _tilt(theta: ArrayLike) -> _Floats:
-    """Return theta as floats; a SceneWarning for angles that look like degrees."""
-    angles = floats(theta, "theta")
-    if note := degrees_note(angles, "theta ="):
-        warn(note)
-    return angles
+def _half_angle(value: _Floats, theta: _Floats) -> _Floats:
+    """Return the sine or cosine of theta/2, 0 where it is as small as the rounding of theta: the
+    pole pi as a number is 1e-16 away from pi."""
+    return np.where(np.abs(value) <= ROUNDED * np.abs(theta), 0.0, value)
 
 
 def _cosine(theta: _Floats) -> _Floats:
     """Return cos theta, 0 for a level axis."""
     cosine = np.cos(theta)
     # the cosine of pi/2 is 6e-17, and the cosine of an angle from a quaternion has errors of 2e-16
-    return np.where(np.abs(cosine) <= 4.0 * np.finfo(float).eps, 0.0, cosine)
+    return np.where(np.abs(cosine) <= 2.0 * ROUNDED, 0.0, cosine)
 
 
 class SteadyPrecession(NamedTuple):
@@ -151,19 +155,22 @@ def steady_precession(
     -------
     SteadyPrecession
         slow, fast: arrays (...) [rad/s], the smaller and the larger in size. Both are nan below the
-        spin of `least_spin`, where neither exists. For a level axis (cos theta is 0 to 4 units of
-        rounding) only the slow one exists, and fast is its limit, inf
+        spin of `least_spin`, where neither exists; at this spin, to rounding, they are equal.
+        Without weight, slow is 0. For a level axis (cos theta is 0 to 4 units of rounding) only the
+        slow one exists, and fast is its limit, inf
 
     Raises
     ------
     SceneError
-        for anything but numbers, a wrong shape, and if no top has equal moments I_1 and I_2
+        for anything but finite numbers and positive moments, for a wrong shape, and if no top has
+        equal moments I_1 and I_2
 
     Warns
     -----
     SceneWarning
-        with the count of tops whose moments differ, whose results are nan; with the count of tops
-        that spin too slowly, and the least spin of the first; for a theta that looks like degrees
+        with the count of tops that are impossible or whose moments differ, whose results are nan;
+        with the count of tops that spin too slowly, and the least spin of the first; for a theta
+        that looks like degrees
 
     Examples
     --------
@@ -171,24 +178,29 @@ def steady_precession(
     >>> slow.round(3), fast.round(3)
     (np.float64(0.208), np.float64(5.221))
     """
-    first, third = _moments(moments)
-    omega3, theta = floats(omega3, "omega3"), _tilt(theta)
-    weight, spin = floats(weight, "weight"), third * omega3
-    rise = first * _cosine(theta)
+    shape, (first, third, weight, omega3, theta) = _arguments(
+        moments, ("weight", weight), ("omega3", omega3), ("theta", theta)
+    )
+    spin, rise = third * omega3, first * _cosine(theta)
     with np.errstate(all="ignore"):
         # the larger root first, which does not cancel
-        root = np.copysign(np.sqrt(spin**2 - 4.0 * rise * weight), spin)
-        larger = 0.5 * (spin + root)
-        slow = np.where(larger == 0.0, np.nan, weight / larger)[()]  # a scalar of scalars
-        fast = larger / rise
+        larger = 0.5 * (spin + np.copysign(_root(spin**2, 4.0 * rise * weight), spin))
+        # without weight, phi' = 0 is a root
+        slow = np.where(weight == 0.0, 0.0, np.where(larger == 0.0, np.nan, weight / larger))
+        fast = np.where(rise == 0.0, np.copysign(np.inf, larger), larger / rise)
+    fast = np.where(np.isnan(slow), np.nan, fast)
     too_slow = np.isnan(slow) & np.isfinite(rise * weight * spin)
     if too_slow.any():
         at = int(np.argmax(too_slow))
         least = 2.0 * np.sqrt(np.maximum(rise * weight, 0.0)) / third
-        found, needed = (np.broadcast_to(v, too_slow.shape).flat[at] for v in (omega3, least))
-        rule = f"steady precession needs a spin above {needed:.6g} rad/s, but omega3 is {found:.6g}"
-        warn_of_rows(too_slow, rule)
-    return SteadyPrecession(slow, fast)
+        rule = f"steady precession needs a spin above {least[at]:.6g} rad/s, but omega3 is"
+        warn_of_rows(too_slow, f"{rule} {omega3[at]:.6g}")
+    return SteadyPrecession(*(x.reshape(shape)[()] for x in (slow, fast)))
+
+
+def _root(square: _Floats, least: _Floats) -> _Floats:
+    """Return sqrt(square - least), 0 where the two are equal to rounding."""
+    return np.sqrt(np.where(np.abs(square - least) <= 4.0 * ROUNDED * square, 0.0, square - least))
 
 
 def least_spin(moments: ArrayLike, weight: ArrayLike, theta: ArrayLike = 0.0) -> _Floats:
@@ -218,23 +230,24 @@ def least_spin(moments: ArrayLike, weight: ArrayLike, theta: ArrayLike = 0.0) ->
     Raises
     ------
     SceneError
-        for anything but numbers, a wrong shape, and if no top has equal moments I_1 and I_2
+        for anything but finite numbers and positive moments, for a wrong shape, and if no top has
+        equal moments I_1 and I_2
 
     Warns
     -----
     SceneWarning
-        with the count of tops whose moments differ, whose results are nan; for a theta that looks
-        like degrees
+        with the count of tops that are impossible or whose moments differ, whose results are nan;
+        for a theta that looks like degrees
 
     Examples
     --------
     >>> rm.least_spin((1.0, 1.0, 0.5), 1.0)
     np.float64(4.0)
     """
-    first, third = _moments(moments)
-    rise = floats(weight, "weight") * _cosine(_tilt(theta))
+    shape, (first, third, weight, theta) = _arguments(moments, ("weight", weight), ("theta", theta))
+    rise = weight * _cosine(theta)
     spin: _Floats = 2.0 * np.sqrt(first * np.maximum(rise, 0.0)) / third
-    return spin
+    return spin.reshape(shape)[()]
 
 
 def tilt_growth(moments: ArrayLike, weight: ArrayLike, omega3: ArrayLike) -> _Floats:
@@ -263,19 +276,22 @@ def tilt_growth(moments: ArrayLike, weight: ArrayLike, omega3: ArrayLike) -> _Fl
     Raises
     ------
     SceneError
-        for anything but numbers, a wrong shape, and if no top has equal moments I_1 and I_2
+        for anything but finite numbers and positive moments, for a wrong shape, and if no top has
+        equal moments I_1 and I_2
 
     Warns
     -----
     SceneWarning
-        with the count of tops whose moments differ, whose results are nan
+        with the count of tops that are impossible or whose moments differ, whose results are nan
 
     Examples
     --------
     >>> rm.tilt_growth((1.0, 1.0, 0.5), 1.0, [3.0, 5.0]).round(4).tolist()
     [0.6614, 0.0]
     """
-    first, third = _moments(moments)
-    square = 4.0 * first * floats(weight, "weight") - (third * floats(omega3, "omega3")) ** 2
-    rate: _Floats = np.sqrt(np.maximum(square, 0.0)) / (2.0 * first)
-    return rate
+    shape, (first, third, weight, omega3) = _arguments(
+        moments, ("weight", weight), ("omega3", omega3)
+    )
+    least, square = 4.0 * first * weight, (third * omega3) ** 2
+    rate: _Floats = _root(np.maximum(least, square), square) / (2.0 * first)
+    return rate.reshape(shape)[()]

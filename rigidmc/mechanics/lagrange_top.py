@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import check_rows, floats
+from rigidmc.arrays import Shape, broadcast_arguments, floats
 from rigidmc.engine.formulas import evaluate
-from rigidmc.mechanics.free_top import Motion, Shape, broadcast_arguments, spread
+from rigidmc.mechanics.free_top import Motion, spread
 from rigidmc.mechanics.lagrange_orbit import (
     LagrangeOrbit,
     LagrangeOrbitFormula,
@@ -63,7 +63,7 @@ def _orbits(
     """
     if axis not in _TURNS:
         raise ValueError(f"axis = {axis!r}: the symmetry axis is 1, 2 or 3")
-    shape, columns = broadcast_arguments(
+    shape, columns, bad = broadcast_arguments(
         ("moments", moments, 3),
         ("weight", weight, 0),
         ("momentum", momentum, 3),
@@ -71,22 +71,14 @@ def _orbits(
     )
     i, (k,), l, q = columns
     i, l, q = with_axis_third(axis, i, l, q)
-    unequal = unequal_moments(i[0], i[1], axis)
-    finite = np.isfinite(k) & np.isfinite(l).all(0) & (np.linalg.norm(q, axis=0) > 0)
-    bad = unequal | ~((i > 0) & (i < np.inf)).all(0) | ~finite
-    rule = "moments must be positive, all other values finite, and quaternions nonzero"
-    check_rows(bad & ~unequal & ~np.isnan(q).any(0), rule)
+    bad |= unequal_moments(i[0], i[1], axis)
     below = k < 0.0  # the same motion upside down: rotated by pi about the space axis x
     q = np.where(below, np.stack(multiply((0.0, 1.0, 0.0, 0.0), q)), q)
     rows = np.concatenate([i[[0, 2]], np.abs(k)[None], l, q])
     rows[:, bad] = np.nan
-    return (
-        evaluate(LagrangeOrbitFormula, len(LagrangeOrbit._fields), rows).T.copy(),
-        rows,
-        shape,
-        bad,
-        below,
-    )
+    table = evaluate(LagrangeOrbitFormula, len(LagrangeOrbit._fields), rows).T.copy()
+    table[bad] = np.nan
+    return table, rows, shape, bad, below
 
 
 def solve_lagrange_top(
@@ -142,8 +134,9 @@ def solve_lagrange_top(
     [5.0, 5.0]
     """
     table, _, tops, _, below = _orbits(moments, weight, momentum, attitude, axis)
-    shape, index, times = spread(tops, floats(t, "t"))
+    shape, index, times = spread(tops, t)
     values = evaluate(LagrangeStateFormula, 7, times[None], table, index)
+    values[:, np.isnan(times)] = np.nan  # L_3 needs no time
     q = values[:4]
     with np.errstate(invalid="ignore"):  # a motion too fast for floats is nan
         if below.any():
