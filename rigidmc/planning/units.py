@@ -18,6 +18,7 @@ from rigidmc.planning.plan import Plan
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Grid, Varied, is_shared
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.stated import Stated
 from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
@@ -71,11 +72,13 @@ def scale_scene(scene: Scene, mass: float = 1.0, length: float = 1.0, time: floa
     inertia = mass * length**2
     distribution = scene.body.moments
     whole = isinstance(distribution, TensorDistribution)
+    stated = scene.body.stated
     body = replace(
         scene.body,
         moments=distribution.resized(mass, length) if whole else _sized(distribution, inertia, 1.0),
         mass=_times(scene.body.mass, mass),
         centre=tuple(_times(x, length) for x in scene.body.centre),
+        stated=stated.scaled(mass, length) if isinstance(stated, Stated) else stated,
     )
     spin = "omega" if scene.start.momentum is None else "momentum"
     by = 1.0 / time if spin == "omega" else inertia / time

@@ -5,8 +5,8 @@ a grid, or an array with a row per member. A member's values depend only on seed
 
 Reading order: `scene` and `parts` (a scene, from Python or from a file), `model` (body, effects and
 start), `body`, `body_makers`, `body_readers` and `body_changes` (bodies, from files, and made from
-others), `inertia_about` (inertias about the centre of mass), `shape` (solids that pictures draw),
-`start` and `start_tables` (conventions of attitudes), `settings` (the table [run], which defines
+others), `inertia_about` (inertias about the centre of mass), `stated` (bodies as scenes state them),
+`shape` (solids that pictures draw), `start` and `start_tables` (conventions of attitudes), `settings` (the table [run], which defines
 keywords and options), `save_times` (its setting `every`), `amounts` (1e6, "1h30m"), `units` (the
 conversion of "10 deg/s" to SI), `validation` (of effects and observables), `recording` (saved and
 monitored variables), `quantities` and `distributions` (how members differ), `sampling` (sources of

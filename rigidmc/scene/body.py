@@ -16,6 +16,7 @@ from rigidmc.scene.body_changes import BodyChanges
 from rigidmc.scene.inertia_about import ASSUMED_MASS
 from rigidmc.scene.quantities import Source, draw, is_shared, is_variable, quantity, vector
 from rigidmc.scene.shape import Shape
+from rigidmc.scene.stated import Stated
 from rigidmc.scene.units import in_si, vector_in_si
 from rigidmc.scene.vector_distributions import check_distribution
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution
@@ -84,6 +85,10 @@ class Body(BodyChanges):
         the body is given, or "principal", its principal axes
     has_mass : bool, optional
         whether a mass was given; set by the body, and kept by `dataclasses.replace`
+    stated : Stated or str, optional
+        the numbers by which the scene states a body whose inertia moved to the fixed point; or why
+        a body has no derivative by its stated mass and centre. Set by the makers of bodies, and
+        dropped where the body differs from it
 
     Raises
     ------
@@ -115,6 +120,7 @@ class Body(BodyChanges):
     shape: Shape = ()
     frame: str = "described"
     has_mass: bool = True
+    stated: Stated | str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "moments", vector_in_si(self.moments, "kg m2", "body.moments"))
@@ -145,6 +151,10 @@ class Body(BodyChanges):
             raise SceneError("the mass must be positive", at="body.mass", value=shown)
         if not whole:
             self._check_moments()
+        if isinstance(self.stated, Stated):
+            numbers = self.moments, self.mass, self.centre
+            if not is_shared(*numbers) or not self.stated.is_of(self.tensor, *numbers[1:]):
+                object.__setattr__(self, "stated", None)
 
     @property
     def inertia_key(self) -> str:

@@ -17,6 +17,7 @@ from rigidmc.scene.body_readers import BodyReaders
 from rigidmc.scene.inertia_about import check_mass_given
 from rigidmc.scene.quantities import is_shared, is_variable, vector
 from rigidmc.scene.shape import Shape
+from rigidmc.scene.stated import NO_RATE, Stated
 from rigidmc.scene.units import in_si
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 from rigidmc.scene.vector_distributions.tensors import TensorRows
@@ -31,6 +32,7 @@ class BodyChanges(BodyReaders):
         centre: Any
         shape: Shape
         has_mass: bool
+        stated: Stated | str | None
 
         @property
         def tensor(self) -> NDArray[np.float64]: ...
@@ -72,7 +74,10 @@ class BodyChanges(BodyReaders):
                 value=point,
                 nearest="centre",
             )
-        point = vector(in_si(point, "m", "body.pivot"), "body.pivot")
+        return self._moved(vector(in_si(point, "m", "body.pivot"), "body.pivot"))
+
+    def _moved(self, point: Any, is_centre: bool = False) -> Self:
+        """Implement `with_pivot`; is_centre : whether the point follows the centre of mass."""
         if not is_shared(self.moments, self.mass, self.centre, point):
             rule = (
                 "only a body given by plain numbers can move its fixed point; give moments about"
@@ -84,7 +89,14 @@ class BodyChanges(BodyReaders):
         bare = inertia.about_centre(self.tensor, self.mass, self.centre)
         tensor = inertia.about_point(bare, self.mass, new)
         parts = tuple(part.placed(-np.array(point)) for part in self.shape)
-        return self._of_tensor(tensor, self.mass, tuple(new.tolist()), parts, self.frame)
+        stated = self.stated
+        if isinstance(stated, Stated):
+            pivot = "centre" if is_centre else point
+            stated = stated._replace(pivot=pivot) if stated.pivot is None else None
+        if isinstance(stated, Stated) and stated.is_free:
+            free: Self = stated.make(type(self), self.frame, parts)
+            return free
+        return self._of_tensor(tensor, self.mass, tuple(new.tolist()), parts, self.frame, stated)
 
     def with_pivot_at_centre(self) -> Self:
         """Move the fixed point to the centre of mass, TdC (3.28), as for a satellite.
@@ -118,8 +130,9 @@ class BodyChanges(BodyReaders):
         if isinstance(self.moments, TensorRows) and not is_variable(self.mass, self.centre):
             check_mass_given(self.has_mass, self.centre)
             about = self.moments.with_centre(self.mass, self.centre)
-            return type(self)(about, self.mass, shape=self.shape, frame=self.frame)
-        return self.with_pivot(self.centre)
+            named = {"shape": self.shape, "frame": self.frame, "stated": NO_RATE}
+            return type(self)(about, self.mass, **named)
+        return self._moved(self.centre, is_centre=True)
 
     def join(
         self, other: Self, at: Any = (0.0, 0.0, 0.0), turned: Any = (1.0, 0.0, 0.0, 0.0)

@@ -20,6 +20,7 @@ from rigidmc.scene.body import IDENTITY, Body
 from rigidmc.scene.quantities import Rate, is_shared
 from rigidmc.scene.reparametrise import own_number, rates_of
 from rigidmc.scene.shape import UPRIGHT, ShapePart
+from rigidmc.scene.stated import MESH, Stated, refused_numbers
 from rigidmc.scene.vector_distributions import TensorRows
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution, UncertainInertia
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
@@ -51,6 +52,11 @@ _UNTURNED = (
     "turns the principal axes of a body that is described in them: give the body as a tensor with"
     " products of inertia"
 )
+_AT_CENTRE = (
+    "moves the centre of mass, at which the fixed point is: give moments, mass and centre in place"
+    " of the solid"
+)
+_OWN_CENTRE = "is the centre of the uncertain tensor: name it body.tensor.centre"
 _SCENE_AXES = (
     'changes the principal axes of the mean tensor, the axes of the scene (axes = "principal")'
 )
@@ -86,6 +92,8 @@ def body_parameters(body: Body) -> dict[str, Given]:
 
     A solid has mass (or density) and sizes; other bodies have moments or a tensor, mass and centre.
     """
+    if isinstance(body.stated, Stated):
+        return _of_stated(body, body.stated)
     if (solid := solid_of(body)) is not None:
         return solid.parameters()
     known: dict[str, Given] = {}
@@ -102,7 +110,37 @@ def body_parameters(body: Body) -> dict[str, Given]:
         known |= of_quantity(f"body.centre.{i + 1}", ("body", "centre", i), body.centre[i])
     if isinstance(body.moments, UncertainInertia) and body.frame == "principal":
         return dict.fromkeys(known, _SCENE_AXES)
+    if isinstance(body.moments, UncertainInertia) and body.moments.centre is not None:
+        known |= dict.fromkeys((f"body.centre.{i}" for i in (1, 2, 3)), _OWN_CENTRE)
+    refused = refused_numbers(body.stated)
+    return known | {name: why for name, why in refused.items() if name in known or why == MESH}
+
+
+def _of_stated(body: Body, stated: Stated) -> dict[str, Given]:
+    """Return the stated numbers of a body."""
+    known: dict[str, Given] = {}
+    for name, rates in stated.rates().items():
+        known[name] = lambda rates=rates: moved_seeds(body, np.array(body.moments), *rates)  # type: ignore[misc]
+    if stated.key == "tensor":
+        rule = "is not a number of the scene, which states a tensor: name its elements, body.tensor"
+        known |= dict.fromkeys((f"body.moments.{i}" for i in (1, 2, 3)), rule)
     return known
+
+
+def moved_seeds(
+    body: Body, moments: Array, mass: float, centre: Array, tensor: Array
+) -> list[Seed] | Refusal:
+    """Return the Seeds for rates of mass, centre of mass and tensor about the fixed point.
+
+    mass : relative to the mass;  moments (3,) : of the tensor, in proportion to the members'
+    """
+    seeds = tensor_seeds(body, moments, tensor, relative)
+    if isinstance(seeds, str):
+        return seeds
+    if mass != 0.0:
+        seeds.append(Seed(("body", "mass"), relative(mass)))
+    moved = enumerate(centre.tolist())
+    return seeds + [Seed(("body", "centre", i), constant(x)) for i, x in moved if x != 0.0]
 
 
 def _of_tensors(distribution: TensorDistribution) -> dict[str, Given]:
@@ -226,16 +264,11 @@ class Solid(NamedTuple):
         axes = np.array(self.body.axes)
         moments = np.diagonal(axes.T @ tensor.value @ axes)
         by = 1.0 / self.length
-        seeds = tensor_seeds(self.body, moments, by * tensor.tangents[k], relative)
-        if isinstance(seeds, str):
-            return seeds
-        if isinstance(mass, DualArray):
-            rate = relative(float(by * mass.tangents[k] / mass.value))
-            seeds.append(Seed(("body", "mass"), rate))
-        if isinstance(centre, DualArray):
-            moved = enumerate(centre.tangents[k].tolist())
-            seeds += [Seed(("body", "centre", i), constant(x)) for i, x in moved if x != 0.0]
-        return seeds
+        change = float(by * mass.tangents[k] / mass.value) if isinstance(mass, DualArray) else 0.0
+        moved = centre.tangents[k] if isinstance(centre, DualArray) else np.zeros(3)
+        if moved.any() and np.abs(plain(centre)).max() < 1e-12 * self.length:
+            return _AT_CENTRE
+        return moved_seeds(self.body, moments, change, moved, by * tensor.tangents[k])
 
     def made(self) -> tuple[Any, Any, Any]:
         """Return `_made` with tangents by all sizes."""

@@ -20,6 +20,7 @@ from rigidmc.scene import shape
 from rigidmc.scene.inertia_about import ASSUMED_MASS, is_about_centre, tensor_about_pivot
 from rigidmc.scene.quantities import is_shared, quantity, vector
 from rigidmc.scene.shape import Shape
+from rigidmc.scene.stated import NO_RATE, Stated, as_tuples
 from rigidmc.scene.units import in_si, size_units, vector_in_si
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.tensors import TensorRows
@@ -99,7 +100,9 @@ class BodyMakers(Renamed, metaclass=_Hints):
         if not is_shared(body.moments, body.mass, body.centre):
             rule = 'must be plain numbers with about = "centre"; give moments about the fixed point'
             raise SceneError(rule, at="body.moments")
-        return cls._of_tensor(tensor_about_pivot(np.diag(body.moments), mass, centre), mass, centre)
+        moved = tensor_about_pivot(np.diag(body.moments), mass, centre)
+        stated = _stated_about_centre(body.moments, mass, centre)
+        return cls._of_tensor(moved, mass, centre, stated=stated)
 
     @classmethod
     def from_tensor(
@@ -158,18 +161,21 @@ class BodyMakers(Renamed, metaclass=_Hints):
         # TOML gives the columns of a table as a tuple
         if (isinstance(tensor, tuple) and len(tensor) == 6) or _has_rows(tensor):
             tensor = TensorRows(tensor)
+        stated: Stated | str | None = None
         if is_about_centre(about):
             if isinstance(tensor, TensorRows):
                 rule = "tensors of single members must be about the fixed point, not the centre"
                 raise SceneError(rule, at="body.about", value=about)
+            stated = NO_RATE
             if not isinstance(tensor, TensorDistribution):
                 tensor = _checked_tensor(tensor)
                 # moved to the fixed point, an impossible tensor may look possible
                 _principal_axes(tensor, mass, (0.0, 0.0, 0.0))
+                stated = _stated_about_centre(as_tuples(tensor), mass, centre)
             tensor = tensor_about_pivot(tensor, mass, centre)
         if isinstance(tensor, TensorDistribution):
-            return cls(tensor, mass, centre, frame=axes)
-        return cls._of_tensor(tensor, mass, centre, frame=axes)
+            return cls(tensor, mass, centre, frame=axes, stated=stated)
+        return cls._of_tensor(tensor, mass, centre, frame=axes, stated=stated)
 
     @classmethod
     def _of_tensor(
@@ -179,11 +185,12 @@ class BodyMakers(Renamed, metaclass=_Hints):
         centre: Any,
         parts: Shape = (),
         frame: str = "described",
+        stated: Stated | str | None = None,
     ) -> Self:
         """Make a body from a tensor (3, 3), with the solids that pictures draw."""
         moments, found = _principal_axes(_checked_tensor(tensor), mass, centre, frame)
         rows = tuple(map(tuple, found.tolist()))
-        return cls(tuple(moments.tolist()), mass, centre, rows, parts, frame)
+        return cls(tuple(moments.tolist()), mass, centre, rows, parts, frame, stated=stated)
 
     @classmethod
     def from_particles(cls, masses: ArrayLike, positions: ArrayLike) -> Self:
@@ -396,6 +403,13 @@ class BodyMakers(Renamed, metaclass=_Hints):
         return cls._of_tensor(
             tensor, float(mass), tuple(centre.tolist()), shape.shape_of_region(region)
         )
+
+
+def _stated_about_centre(inertia: Any, mass: Any, centre: Any) -> Stated:
+    """Return the statement of plain moments or a tensor about the centre of mass."""
+    m = mass if mass is None else quantity(in_si(mass, "kg", "body.mass"), "body.mass")
+    c = vector(vector_in_si(centre, "m", "body.centre"), "body.centre")
+    return Stated(inertia, m, c, "centre")
 
 
 def _checked_tensor(tensor: Any) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import SceneError, SceneWarning, in_file, unknown
 from rigidmc.scene import shape
 from rigidmc.scene.body_makers import BodyMakers, positive_number
+from rigidmc.scene.stated import MESH
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -222,7 +223,8 @@ class BodyReaders(BodyMakers):
             part = shape.shape_of_mesh(triangles)
         else:
             part = shape.shape_of_mesh_file(file, scale)
-        return cls._of_tensor(by * tensor, float(by * volume), tuple(centre.tolist()), (part,))
+        found = by * tensor, float(by * volume), tuple(centre.tolist())
+        return cls._of_tensor(*found, (part,), stated=MESH)
 
 
 def _is_solid(solid: Any) -> bool:

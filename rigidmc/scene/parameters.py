@@ -14,10 +14,11 @@ from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import shape, user_parameters
 from rigidmc.scene.body import Body
-from rigidmc.scene.quantities import Grid, Varied
+from rigidmc.scene.quantities import Grid, Varied, is_shared, quantity
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.shape import ShapePart
 from rigidmc.scene.start import Start
+from rigidmc.scene.stated import NO_RATE, Stated, refused_numbers
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 from rigidmc.scene.vector_distributions.vectors import whole_of
@@ -29,7 +30,9 @@ _FIXED = ("axis", "covariance", "direction")  # fields of distributions that no 
 def parameter_names(scene: Scene) -> list[str]:
     """Return the names of all parameters of a scene that may differ between members."""
     solid = solid_by_mass(scene.body)
-    if solid is not None:
+    if isinstance(scene.body.stated, Stated):
+        names = scene.body.stated.names()
+    elif solid is not None:
         names = [f"body.{solid}.mass"]
     else:
         names = [*_of("body.moments", scene.body.moments), "body.mass"]
@@ -92,13 +95,21 @@ def with_parameters(
     names = parameter_names(scene) if names is None else names
     changed: dict[str, dict[str, Any]] = {"body": {}, "start": {}}
     body, effects = scene.body, dict(label_effects(scene.effects))
+    stated = body.stated if isinstance(body.stated, Stated) else None
     for name, value in values.items():
         table, first, *rest = name.split(".")
-        if table == "body" and (solid := solid_by_mass(scene.body)):
+        if why := refused_numbers(body.stated).get(name):
+            raise SceneError(f"cannot differ between members: it {why}", at=key, value=name)
+        if table == "body" and stated is None and (solid := solid_by_mass(scene.body)):
             body = _of_mass(body, solid, name, value, key)
             continue
         if name not in names:
             raise unknown("scene parameter", names, at=key, value=name)
+        if table == "body" and stated is not None:
+            if not is_shared(value if type(value) is tuple else quantity(value, name)):
+                raise SceneError(f"cannot differ between members: it {NO_RATE}", at=key, value=name)
+            stated = _put(stated, ["inertia" if first == stated.key else first, *rest], value)
+            continue
         if table == "effects":
             effects[first] = _put(effects[first], rest, value)
             continue
@@ -106,6 +117,8 @@ def with_parameters(
             rest = [component_of(scene.start, word) for word in rest]
         known = changed[table]
         known[first] = _put(known.get(first, getattr(getattr(scene, table), first)), rest, value)
+    if stated is not None and stated is not body.stated:
+        body = stated.make(type(body), body.frame)
     if changed["body"]:
         body = replace(body, **changed["body"], shape=())  # the shape belongs to the original body
     start = replace(scene.start, **changed["start"]) if changed["start"] else scene.start

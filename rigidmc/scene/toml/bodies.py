@@ -7,12 +7,15 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.scene.body import Body
 from rigidmc.scene.inertia_about import is_about_centre
-from rigidmc.scene.quantities import vector
+from rigidmc.scene.quantities import is_shared, vector
 from rigidmc.scene.shape import read_shape
+from rigidmc.scene.stated import NO_RATE, ORIGIN, Stated, as_tuples
 from rigidmc.scene.toml.values import (
     DataSources,
     check_keys,
@@ -75,9 +78,29 @@ def read_body(table: dict[str, Any], stored: DataSources) -> Body:
     if "pivot" not in table:
         return body
     pivot = read_measured(table["pivot"], "body.pivot", lambda inner: inner)
+    if key in ("moments", "tensor") and body.stated is None:
+        body = replace(body, stated=_stated(body, table, key))
     if pivot == "centre" and table.get("about") == "centre":
         return body  # its inertia is about the fixed point as given
     return body.with_pivot_at_centre() if pivot == "centre" else body.with_pivot(pivot)
+
+
+def _stated(body: Body, table: dict[str, Any], key: str) -> Stated | str:
+    """Return the numbers of a body before its fixed point moves; `body` has its inertia as
+    stated."""
+    if not is_shared(body.moments, body.mass, body.centre):
+        return NO_RATE
+    inertia = body.moments
+    if key == "tensor":
+        inertia = as_tuples(np.array(read_plain(table[key], BODY[key], f"body.{key}"), dtype=float))
+    given = inertia, body.mass if body.has_mass else None
+    if table.get("about") != "centre":
+        axes = body.axes if "principal_axes" in table else None
+        return Stated(*given, body.centre, axes=axes)
+    centre = vector_in_si(
+        read_measured(table.get("centre", ORIGIN), "body.centre", tuple), "m", "body.centre"
+    )
+    return Stated(*given, vector(centre, "body.centre"), "centre", None, "centre")
 
 
 def _of_inertia(table: dict[str, Any], key: str, frame: str, stored: DataSources) -> Body:
@@ -131,7 +154,7 @@ def _shape_in_si(tables: Any) -> Any:
         return [_shape_in_si(table) for table in tables]
     if not isinstance(tables, dict):
         return tables
-    plain = ("solid", "turned", "hole", "faces")
+    plain = ("solid", "turned", "hole", "faces", "file", "sha256")
     return {
         key: value
         if key in plain

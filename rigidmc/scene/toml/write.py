@@ -12,6 +12,7 @@ from rigidmc.scene.body import IDENTITY
 from rigidmc.scene.parts import Parts
 from rigidmc.scene.settings import Run
 from rigidmc.scene.start_tables import attitude_as_table, omega_as_table
+from rigidmc.scene.stated import ORIGIN, Stated
 from rigidmc.scene.toml.values import as_toml
 from rigidmc.scene.user_parts.registry import module_of
 
@@ -40,15 +41,18 @@ def dumps(scene: Parts, run: Run | None = None) -> str:
 
 
 def _body(scene: Parts) -> dict[str, Any]:
-    body = scene.body
-    table = {body.inertia_key: as_toml(body.moments, body.inertia_key)}
-    table |= {key: as_toml(getattr(body, key), key) for key in ("mass", "centre")}
-    if body.inertia_key == "moments" and body.axes != IDENTITY:
-        table["principal_axes"] = [list(row) for row in body.axes]
+    body, back = scene.body, ORIGIN
+    if isinstance(body.stated, Stated):
+        table, back = body.stated.as_table(), body.stated.origin_to_pivot()
+    else:
+        table = {body.inertia_key: as_toml(body.moments, body.inertia_key)}
+        table |= {key: as_toml(getattr(body, key), key) for key in ("mass", "centre")}
+        if body.inertia_key == "moments" and body.axes != IDENTITY:
+            table["principal_axes"] = [list(row) for row in body.axes]
     if body.frame != "described" or body.inertia_key == "tensor":
         table["axes"] = body.frame
     if body.shape:
-        table["shape"] = [part.as_table() for part in body.shape]
+        table["shape"] = [part.placed(back).as_table() for part in body.shape]
     return table
 
 

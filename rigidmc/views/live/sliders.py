@@ -19,6 +19,7 @@ from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.parameters import with_parameter
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.stated import Stated, refused_numbers
 from rigidmc.scene.units import hint_of_units, in_si, units_of
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
@@ -127,6 +128,10 @@ def _refusals(scene: Scene) -> dict[str, str]:
     if model.body.is_turned:
         rule = "the body is described in other axes than its principal axes"
         refused |= {"body.": rule, "start.": rule}
+    elif isinstance(model.body.stated, Stated):
+        refused["body."] = "it also moves the inertia: give moments about the fixed point"
+    else:
+        refused |= {name: f"it {why}" for name, why in refused_numbers(model.body.stated).items()}
     for solid in SOLIDS:
         rule = "move body.moments.1 to 3 and body.mass: the page then draws an ellipsoid"
         refused.setdefault(f"body.{solid}.", rule)
@@ -160,7 +165,7 @@ def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
             Slider(name, label, unit, by, kind, place, row, given, low, high, source, is_one)
         )
 
-    if not model.body.is_turned:
+    if "body." not in refused:
         for k in range(3):
             moments, source = start["moments"][k], _of_vector(model.body.moments, k)
             add(f"body.moments.{k + 1}", f"I{_INDICES[k]}", "moments", k, moments, source)
@@ -193,7 +198,7 @@ def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
                     )
                     add(name, words, "effect", row, values, one)
                 row += 1
-    return made
+    return [slider for slider in made if slider.name not in refused]
 
 
 def _of_vector(vector: Any, k: int) -> Any:
