@@ -58,10 +58,10 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def text_of(path: Path, links: bool = True) -> str:
-    """Return the text of a regular file; FileError if not UTF-8. links : as in `bytes_of`"""
+def text_of(path: Path, most: int = TEXT, links: bool = True) -> str:
+    """Return the text of a regular file; FileError if not UTF-8. most, links : as in `bytes_of`"""
     try:
-        return bytes_of(path, links=links).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+        return bytes_of(path, most, links=links).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError:
         raise FileError("is not UTF-8 text", at="file", file=os.fspath(path)) from None
 

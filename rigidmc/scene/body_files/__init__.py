@@ -37,9 +37,10 @@ def find_part(path: str, link: str | None, products: str | None, about: str | No
     suffix = os.path.splitext(path)[1].lower()
     if suffix in TEXT:
         from rigidmc.scene.body_files.cad_signs import read_cad_text
+        from rigidmc.scene.body_files.cad_text import LARGEST
 
         refuse_options({"link": link}, "a text of mass properties has none")
-        return read_cad_text(text_of(path), products, about, path)
+        return read_cad_text(text_of(path, LARGEST), products, about, path)
     if suffix not in XML:
         rule = f"its name must end in one of {', '.join(SUFFIXES)}"
         raise FileError(rule, at="body file", value=path)

@@ -11,6 +11,7 @@ which CAD programs and their settings differ.
 """
 
 import re
+from collections.abc import Container
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -30,7 +31,7 @@ _MOMENT = re.compile(rf"\bP([xyz])\s*[=:]\s*{_NUMBER}")
 _MASS = re.compile(rf"^\s*mass\s*[=:]\s*{_NUMBER}(.*)$", re.IGNORECASE)
 _COMMA = re.compile(r"[=:]\s*[-+]?\d+,\d")
 _NOTATION = re.compile(r"(positive|negative) tensor notation")
-_MOST = 10_000  # lines
+LARGEST = 2**17  # bytes, of about 2,000 in SolidWorks: a heading is read for each number below
 
 
 class Printed(NamedTuple):
@@ -135,21 +136,27 @@ class CadNumbers:
 
     def _read_principal(self, line: str) -> None:
         for axis in _AXIS.finditer(line):
-            self.axes["xyz".index(axis[1])] = [Printed.of(axis[k]) for k in (2, 3, 4)]
+            k = self._new(axis[1], self.axes, "I")
+            self.axes[k] = [Printed.of(word) for word in axis.groups()[1:]]
         for moment in _MOMENT.finditer(line):
+            k = self._new(moment[1], self.moments, "P")
             tail = line[moment.end() :]
             unit = find_unit(tail if tail.strip() else self.heading, INERTIA, "Px", self.file)
-            self.moments["xyz".index(moment[1])] = Printed.of(moment[2], unit)
+            self.moments[k] = Printed.of(moment[2], unit)
+
+    def _new(self, letter: str, known: Container[int], name: str) -> int:
+        """Return the index of an axis; FileError if its number is known already."""
+        k = "xyz".index(letter)
+        if k in known:
+            raise FileError("is given twice", at=f"{name}{letter}", file=self.file)
+        return k
 
 
 def read_lines(text: str, file: str) -> CadNumbers:
     """Return the numbers of a text of mass properties; FileError for what is missing or reads two
     ways."""
-    lines = text.splitlines()
-    if len(lines) > _MOST:
-        raise FileError(f"has more than {_MOST:,} lines", at="text", file=file)
     found = CadNumbers(file)
-    for line in lines:
+    for line in text.splitlines():
         found.read_line(line)
     if len(found.masses) != 1 or not found.masses[0].value > 0.0:
         rule = (

@@ -42,7 +42,7 @@ def find_unit(text: str, kind: str, at: str, file: str) -> Unit:
     masses = [MASSES[word] for word in words if word in MASSES]
     lengths = [LENGTHS[word] for word in words if word in LENGTHS]
     wanted = {MASS: (1, 0), LENGTH: (0, 1), INERTIA: (1, 1)}[kind]
-    squares = "square" in words or re.search(r"(?:\^|\*\*)?\s*2|²", found) is not None
+    squares = "square" in words or "2" in found or "²" in found
     fits = (len(masses), len(lengths)) == wanted and squares == (kind == INERTIA)
     known = set(words) <= {*MASSES, *LENGTHS, "square", "per"}
     if not fits or not known or "per" in words:

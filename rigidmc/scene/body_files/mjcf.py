@@ -23,7 +23,7 @@ from rigidmc.scene.body_files.rigid_parts import (
     Pose,
     RigidPart,
     first_names,
-    impossible_note,
+    impossible_notes,
     lump,
 )
 from rigidmc.scene.body_files.xml_tree import numbers_of
@@ -291,6 +291,4 @@ def _notes(bodies: list[_Body], index: int, members: dict[str, RigidPart]) -> tu
         notes.append(
             f'body {one.name} is welded to {parent}, which is left out: link = "{parent}" has both'
         )
-    for name, part in members.items():
-        notes.extend(impossible_note(part, f"body {name}"))
-    return tuple(notes)
+    return (*notes, *impossible_notes(members, "body"))

@@ -8,7 +8,7 @@ frame has, TdC (3.26),
 with J about its centre of mass and I about the origin.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from rigidmc.mechanics import inertia
 from rigidmc.mechanics.impossible import causes_text
 
 Array = NDArray[np.float64]
+_NAMES = 20  # of names in a message, and of notes
 
 
 class Pose(NamedTuple):
@@ -77,21 +78,29 @@ def lump(parts: Iterable[RigidPart]) -> RigidPart:
     return RigidPart(mass, centre, tensor)
 
 
-def impossible_note(part: RigidPart, name: str) -> tuple[str, ...]:
-    """Return a note if no mass has the tensor of a part about its own centre, else ()."""
-    moments = np.linalg.eigvalsh(part.tensor)
-    excess = moments[2] - moments[0] - moments[1]
-    if moments[0] >= 0.0 and excess <= 1e-9 * moments[2]:
-        return ()
-    shown = ", ".join(f"{x:.4g}" for x in moments)
-    causes = causes_text(part.tensor, part.mass, np.zeros(3))
-    return (
-        f"{name} cannot exist: its principal moments about the centre of mass are ({shown}) kg m2,"
-        f" but moments are positive and obey {inertia.TRIANGLE}{causes}",
-    )
+def impossible_notes(parts: Mapping[str, RigidPart], kind: str) -> list[str]:
+    """Return a note for each part whose tensor about its own centre no mass has, at most 20.
+
+    kind : "link" or "body"
+    """
+    notes = list[str]()
+    for name, part in parts.items():
+        moments = np.linalg.eigvalsh(part.tensor)
+        excess = moments[2] - moments[0] - moments[1]
+        if moments[0] >= 0.0 and excess <= 1e-9 * moments[2]:
+            continue
+        if len(notes) == _NAMES:
+            return [*notes, f"more of the {len(parts):,} parts cannot exist"]
+        shown = ", ".join(f"{x:.4g}" for x in moments)
+        causes = causes_text(part.tensor, part.mass, np.zeros(3))
+        notes.append(
+            f"{kind} {name} cannot exist: its principal moments about the centre of mass are"
+            f" ({shown}) kg m2, but moments are positive and obey {inertia.TRIANGLE}{causes}"
+        )
+    return notes
 
 
-def first_names(names: Sequence[str], most: int = 20) -> str:
+def first_names(names: Sequence[str], most: int = _NAMES) -> str:
     """Write names as a list, with a count of those beyond `most`."""
     more = f" and {len(names) - most:,} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more

@@ -7,7 +7,8 @@ link: A = R_z(yaw) R_y(pitch) R_x(roll). ixy is the element of the tensor, -int 
 without <inertial> has no mass. Source: wiki.ros.org/urdf/XML/link.
 """
 
-from collections import deque
+from collections.abc import Iterable
+from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -20,12 +21,23 @@ from rigidmc.scene.body_files.rigid_parts import (
     Pose,
     RigidPart,
     first_names,
-    impossible_note,
+    impossible_notes,
     lump,
 )
 from rigidmc.scene.body_files.xml_tree import numbers_of
 
 _SIX = ("ixx", "iyy", "izz", "iyz", "ixz", "ixy")
+
+
+class _Fixed(NamedTuple):
+    """How a link is fixed to another: the name of the joint, the other link, the pose there."""
+
+    joint: str
+    parent: str
+    pose: Pose
+
+
+Fixed = dict[str, _Fixed]  # by the names of the fixed links
 
 
 def read_urdf(root: Element, link: str | None, file: str) -> FoundBody:
@@ -40,18 +52,19 @@ def read_urdf(root: Element, link: str | None, file: str) -> FoundBody:
     if not links:
         raise FileError("has no <link>", at="robot", file=file)
     fixed = _fixed_joints(root, links, file)
+    heads = _heads(links, fixed, file)
     parts = {name: _inertial(one, name, file) for name, one in links.items()}
     if link is None:
-        link = _only_link(parts, fixed, file)
+        link = _only_link(parts, heads, file)
     if link not in links:
         rule = f"no such link; known: {first_names(list(links))}"
         close = nearest(link, list(links))
         raise SceneError(rule, at="body.link", value=link, nearest=close, file=file)
-    found, names = _fixed_to(link, fixed, parts, file)
+    found = _fixed_to(link, fixed, parts)
     if not found:
         rule = "this link, with all that is fixed to it, has no <inertial> with mass"
         raise SceneError(rule, at="body.link", value=link, file=file)
-    return FoundBody(lump(found), _notes(link, names, fixed, parts))
+    return FoundBody(lump(found.values()), _notes(link, list(found), fixed, parts))
 
 
 def rpy(angles: tuple[float, ...]) -> Array:
@@ -113,11 +126,9 @@ def _inertial(link: Element, name: str, file: str) -> RigidPart | None:
     return part.placed(_origin(inertial, f"{at}, inertial", file))
 
 
-def _fixed_joints(
-    root: Element, links: dict[str, Element], file: str
-) -> dict[str, list[tuple[str, Pose]]]:
-    """Return {parent: [(child, pose)]} of the fixed joints."""
-    fixed: dict[str, list[tuple[str, Pose]]] = {}
+def _fixed_joints(root: Element, links: dict[str, Element], file: str) -> Fixed:
+    """Return the fixed joints; FileError for a link that two of them fix."""
+    fixed: Fixed = {}
     for name, joint in _named(root.findall("joint"), "joint", file).items():
         ends = [joint.find(tag) for tag in ("parent", "child")]
         pair = [None if end is None else end.get("link") for end in ends]
@@ -127,18 +138,34 @@ def _fixed_joints(
                 raise FileError(rule, at=f"joint {name}, {tag}", value=one, file=file)
         if joint.get("type") == "fixed":
             parent, child = str(pair[0]), str(pair[1])
-            fixed.setdefault(parent, []).append((child, _origin(joint, f"joint {name}", file)))
+            if child in fixed:
+                rule = f"is fixed to two links, by the joints {fixed[child].joint} and {name}"
+                raise FileError(rule, at=f"link {child}", file=file)
+            fixed[child] = _Fixed(name, parent, _origin(joint, f"joint {name}", file))
     return fixed
 
 
-def _only_link(
-    parts: dict[str, RigidPart | None], fixed: dict[str, list[tuple[str, Pose]]], file: str
-) -> str:
+def _heads(links: Iterable[str], fixed: Fixed, file: str) -> dict[str, str]:
+    """Return for each link the free one that it is fixed to, directly or through others; FileError
+    for a cycle. Each joint is followed once, however long the chains are."""
+    heads: dict[str, str] = {}
+    for link in links:
+        path, end = dict[str, str](), link
+        while end in fixed and end not in heads and end not in path:
+            path[end] = fixed[end].joint
+            end = fixed[end].parent
+        if end in path:
+            names = list(path.values())[list(path).index(end) :]
+            rule = f"form a cycle: {first_names(names)}"
+            raise FileError(rule, at="fixed joints", file=file)
+        heads |= dict.fromkeys(path, heads.get(end, end))
+        heads.setdefault(link, link)
+    return heads
+
+
+def _only_link(parts: dict[str, RigidPart | None], heads: dict[str, str], file: str) -> str:
     """Return the one link that has mass, itself or by what is fixed to it; SceneError."""
-    children = {child for pairs in fixed.values() for child, _ in pairs}
-    heavy = [
-        name for name in parts if name not in children and _fixed_to(name, fixed, parts, file)[0]
-    ]
+    heavy = list(dict.fromkeys(heads[name] for name, part in parts.items() if part is not None))
     if len(heavy) == 1:
         return heavy[0]
     words = f"choose one of {first_names(heavy)}" if heavy else "none of them has mass"
@@ -146,46 +173,35 @@ def _only_link(
 
 
 def _fixed_to(
-    link: str,
-    fixed: dict[str, list[tuple[str, Pose]]],
-    parts: dict[str, RigidPart | None],
-    file: str,
-) -> tuple[list[RigidPart], list[str]]:
-    """Return the parts of a link and of all that is fixed to it, in its frame, and their names."""
-    found, names, seen = list[RigidPart](), list[str](), {link}
-    waiting = deque([(link, UNMOVED)])
-    while waiting:
-        name, pose = waiting.popleft()
+    link: str, fixed: Fixed, parts: dict[str, RigidPart | None]
+) -> dict[str, RigidPart]:
+    """Return the parts with mass of a link and of all that is fixed to it, in its frame."""
+    children: dict[str, list[str]] = {}
+    for child, (_, parent, _) in fixed.items():
+        children.setdefault(parent, []).append(child)
+    found, poses = dict[str, RigidPart](), {link: UNMOVED}
+    waiting = [link]
+    for name in waiting:  # grows meanwhile
         part = parts[name]
         if part is not None:
-            found.append(part.placed(pose))
-            names.append(name)
-        for child, inner in fixed.get(name, ()):
-            if child in seen:
-                rule = "is fixed to two links, or to itself"
-                raise FileError(rule, at=f"link {child}", file=file)
-            seen.add(child)
-            waiting.append((child, pose.of(inner)))
-    return found, names
+            found[name] = part.placed(poses[name])
+        for child in children.get(name, ()):
+            poses[child] = poses[name].of(fixed[child].pose)
+            waiting.append(child)
+    return found
 
 
 def _notes(
-    link: str,
-    names: list[str],
-    fixed: dict[str, list[tuple[str, Pose]]],
-    parts: dict[str, RigidPart | None],
+    link: str, names: list[str], fixed: Fixed, parts: dict[str, RigidPart | None]
 ) -> tuple[str, ...]:
     """Return the notes on a link: what is lumped, what is left out, and what cannot exist."""
     notes = list[str]()
     if others := [name for name in names if name != link]:
         notes.append(f"link {link}: includes {first_names(others)}, by fixed joints")
-    for parent, pairs in fixed.items():
-        if any(child == link for child, _ in pairs):
-            notes.append(
-                f'link {link} is fixed to {parent}, which is left out: link = "{parent}" has both'
-            )
-    for name in names:
-        part = parts[name]
-        if part is not None:
-            notes.extend(impossible_note(part, f"link {name}"))
-    return tuple(notes)
+    if link in fixed:
+        parent = fixed[link].parent
+        notes.append(
+            f'link {link} is fixed to {parent}, which is left out: link = "{parent}" has both'
+        )
+    heavy = {name: part for name in names if (part := parts[name]) is not None}
+    return (*notes, *impossible_notes(heavy, "link"))

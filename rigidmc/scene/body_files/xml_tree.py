@@ -25,6 +25,7 @@ def read_xml(path: Path) -> Element:
     def refuse(rule: str) -> FileError:
         return FileError(rule, at="XML", file=file)
 
+    data = bytes_of(path)
     builder, parser, state = TreeBuilder(), expat.ParserCreate(), [0, 0]
 
     def begin(name: str, attributes: dict[str, str]) -> None:
@@ -44,9 +45,13 @@ def read_xml(path: Path) -> Element:
     parser.StartElementHandler, parser.EndElementHandler = begin, end
     parser.StartDoctypeDeclHandler, parser.EntityDeclHandler = doctype, doctype
     try:
-        parser.Parse(bytes_of(path), True)
+        parser.Parse(data, True)
     except expat.ExpatError as error:
         raise refuse(f"is not well-formed XML: {error}") from None
+    except FileError:
+        raise
+    except Exception as error:  # the codec that the file names may raise anything
+        raise refuse(f"names an encoding that XML does not have: save it as UTF-8 ({error})") from None
     return builder.close()
 
 

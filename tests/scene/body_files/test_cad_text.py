@@ -177,6 +177,7 @@ def test_units(text, kind, factor):
         ("kg m^2 s", INERTIA),
         ("grams per cubic mm", MASS),
         ("furlongs", LENGTH),
+        ("^" + " " * 2_000_000, "mass"),  # took the square of its length
     ],
 )
 def test_units_that_are_not(text, kind):
@@ -194,6 +195,9 @@ def test_units_that_are_not(text, kind):
         ("Lxx = ", "Lxx = -", "not positive"),
         ("\tZ = ", "Height Z = ", "expected X, Y and Z"),
         ("Lyx", "Lxy", "Lxy: is given twice"),
+        ("Py =", "Px =", "Px: is given twice"),
+        ("Iy =", "Ix =", "Ix: is given twice"),
+        ("Mass = ", " " * 200_000 + "Mass = ", "larger than 0.125 MB"),
         ("( millimeters )", "", "expected a unit of length"),
     ],
 )

@@ -1,5 +1,8 @@
 """URDF and MJCF: poses against scipy and sums by hand, and mistakes with their cures."""
 
+import encodings.aliases
+import os
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -144,6 +147,16 @@ BODY = '<body name="a"> {} <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/> 
     ("text", "options", "words"),
     [
         (robot(link("arm"), link("leg")), {}, "there are 2 links: choose one of arm, leg"),
+        (
+            robot(link("a"), link("b"), joint("a", "b"), joint("b", "a")),
+            {},
+            "fixed joints: form a cycle: b_a, a_b",
+        ),
+        (
+            robot(*map(link, "abc"), joint("a", "c"), joint("b", "c")),
+            {},
+            "link c: is fixed to two links, by the joints a_c and b_c",
+        ),
         (robot(link("arm")), {"link": "amr"}, "no such link; known: arm (did you mean 'arm'?)"),
         (robot("<link name='arm'/>"), {}, "none of them has mass"),
         (robot("<link name='arm'/>"), {"link": "arm"}, "has no <inertial> with mass"),
@@ -155,7 +168,7 @@ BODY = '<body name="a"> {} <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/> 
         (robot(link("arm", xyz="1 2")), {}, "origin, xyz = '1 2': expected 3 finite numbers"),
         (robot(link("arm").replace('ixz="-0.002"', "")), {}, "inertia, ixz: is missing"),
         (robot(link("arm"), joint("arm", "x")), {}, "child = 'x': is not a link of the file"),
-        (robot(link("arm"), joint("arm", "arm")), {"link": "arm"}, "fixed to two links"),
+        (robot(link("arm"), joint("arm", "arm")), {"link": "arm"}, "form a cycle: arm_arm"),
         (robot(link("arm").replace("1.0", "${m}")), {}, "xacro FILE.xacro"),
         (robot(link("arm")), {"scale": 0.1}, "scale = 0.1: is for meshes only"),
         (robot(link("arm")), {"products": "positive"}, "is for texts of mass properties only"),
@@ -207,9 +220,34 @@ def test_hostile_files_are_refused(tmp_path, text):
     assert len(str(caught.value)) < 400
 
 
-def test_a_pipe_is_refused(tmp_path):
-    import os
+def test_a_chain_with_many_roots_is_followed_once(tmp_path):
+    """For each root, the chain was followed again: 160 s."""
+    n = 3000
+    empty = [f"<link name='{k}{i}'/>" for k in "cr" for i in range(n)]
+    chain = [joint(f"c{i}", f"c{i + 1}") for i in range(n - 1)]
+    roots = [joint(f"c{n - 1}", f"r{i}") for i in range(n)]
+    with pytest.warns(rm.SceneWarning, match="link c0: includes end"):
+        body = read(tmp_path, robot(*empty, link("end"), *chain, *roots, joint("r7", "end")))
+    assert body.mass == 1.0
+    with pytest.raises(rm.FileError, match="is fixed to two links"):
+        read(tmp_path, robot(*empty, *chain, *[joint(f"r{i}", "c0") for i in range(n)]))
 
+
+def test_every_encoding_is_read_or_refused(tmp_path):
+    """Of all codecs of Python, ours and expat's errors are the only ones."""
+    names = sorted({*encodings.aliases.aliases.values(), "undefined", "idna", "punycode", "foo"})
+    count = 0
+    for name in names:
+        head = f'<?xml version="1.0" encoding="{name}"?>'
+        (tmp_path / "robot.urdf").write_bytes((head + robot(link("arm"))).encode())
+        try:
+            count += rm.Body.read(tmp_path / "robot.urdf").mass == 1.0
+        except rm.FileError as error:
+            assert "XML" in str(error)
+    assert 30 < count < len(names) - 10  # measured 59 of 102
+
+
+def test_a_pipe_is_refused(tmp_path):
     os.mkfifo(tmp_path / "robot.urdf")
     with pytest.raises(rm.RigidmcError, match="is a pipe"):
         rm.Body.read(tmp_path / "robot.urdf")
