@@ -5,17 +5,17 @@ a grid, or an array with a row per member. A member's values depend only on seed
 
 Reading order: `scene` and `parts` (a scene, from Python or from a file), `model` (body, effects and
 start), `body`, `body_makers`, `body_readers` and `body_changes` (bodies, from files, and made from
-others), `inertia_about` (inertias about the centre of mass), `stated` (bodies as scenes state them),
-`shape` (solids that pictures draw), `start` and `start_tables` (conventions of attitudes), `settings` (the table [run], which defines
-keywords and options), `save_times` (its setting `every`), `amounts` (1e6, "1h30m"), `units` (the
-conversion of "10 deg/s" to SI), `validation` (of effects and observables), `recording` (saved and
-monitored variables), `quantities` and `distributions` (how members differ), `sampling` (sources of
-uniform numbers), `parameters` (parameters of a scene by name), `varied` (parameters that change
-between runs of a prepared scene), `derivatives`, `derivative_names`, `body_derivatives` (parameters
-by which a run differentiates, and where each enters), `reparametrise` (derivatives of drawn
-numbers), `drifts` (how drifts grow); and the packages `vector_distributions`, `body_files` (readers
-of robots and drawings), `toml` (scene files), `user_parts` (users' classes) and `library` (shipped
-scenes).
+others), `inertia_about` (inertias about the centre of mass), `stated` (bodies as scenes state
+them), `shape` (solids that pictures draw), `start` and `start_tables` (conventions of attitudes),
+`settings` (the table [run], which defines keywords and options), `save_times` (its setting
+`every`), `amounts` (1e6, "1h30m"), `units` (the conversion of "10 deg/s" to SI), `validation` (of
+effects and observables), `recording` (saved and monitored variables), `quantities` and
+`distributions` (how members differ), `sampling` (sources of uniform numbers), `parameters`
+(parameters of a scene by name), `varied` (parameters that change between runs of a prepared scene),
+`derivatives`, `derivative_names`, `body_derivatives` (parameters by which a run differentiates, and
+where each enters), `reparametrise` (derivatives of drawn numbers), `drifts` (how drifts grow); and
+the packages `vector_distributions`, `body_files` (readers of robots and drawings), `toml` (scene
+files), `user_parts` (users' classes) and `library` (shipped scenes).
 
 Invariants: the names and meanings in scene files, and the random stream of each name: a new
 distribution draws from its own streams.
