@@ -85,8 +85,9 @@ def omega_from_euler_rates(
     [0.0, 2.726, 199.447]
     """
     shape, (angles, rates), _ = broadcast_arguments(("angles", angles, 3), ("rates", rates, 3))
-    omega = np.einsum("nij,jn->ni", euler_rate_matrix(angles.T, sequence), rates)
-    return omega.reshape(*shape, 3)
+    rows = np.einsum("nij,jn->ni", euler_rate_matrix(angles.T, sequence), rates)
+    omega: _Floats = rows.reshape(*shape, 3)
+    return omega
 
 
 def euler_rates(angles: ArrayLike, omega: ArrayLike, sequence: str = TEXTBOOK) -> _Floats:

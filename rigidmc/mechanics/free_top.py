@@ -25,7 +25,7 @@ def spread(shape: Shape, t: ArrayLike) -> tuple[Shape, NDArray[np.int64], NDArra
     Returns the shape to which both broadcast, and for each element its row of the table and its
     time.
     """
-    size, ((t,),), _ = broadcast_arguments(("t", t, 0))
+    size, ((times,),), _ = broadcast_arguments(("t", t, 0))
     try:
         whole = np.broadcast_shapes(shape, size)
     except ValueError:
@@ -38,7 +38,7 @@ def spread(shape: Shape, t: ArrayLike) -> tuple[Shape, NDArray[np.int64], NDArra
     return (
         whole,
         np.broadcast_to(rows, whole).reshape(-1),
-        np.broadcast_to(t.reshape(size), whole).reshape(-1),
+        np.broadcast_to(times.reshape(size), whole).reshape(-1),
     )
 
 
@@ -88,10 +88,10 @@ def _orbits(
     moments: ArrayLike, momentum: ArrayLike, attitude: Attitude
 ) -> tuple[NDArray[np.float64], Shape, NDArray[np.bool_]]:
     """Return (table of FreeOrbits, one row per top; leading shape; mask of bad rows)."""
-    shape, columns, bad = broadcast_arguments(
+    shape, arrays, bad = broadcast_arguments(
         ("moments", moments, 3), ("momentum", momentum, 3), ("attitude", quaternion(attitude), 4)
     )
-    columns = np.concatenate(columns)
+    columns = np.concatenate(arrays)
     table = evaluate(FreeOrbitFormula, len(FreeOrbit._fields), columns).T.copy()
     table[:, FreeOrbit._fields.index("phase")] = evaluate(Phase, 1, table.T)[0]
     table[bad] = np.nan
