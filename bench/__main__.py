@@ -33,6 +33,7 @@ BENCHES = {
     "orders": "bench.orders",
     "derivatives": "bench.derivatives",
     "peers": "bench.peers",
+    "loop": "bench.loop",
     "coming_from": "bench.coming_from",
     "coverage": "bench.coverage",
     "gpu": "bench.gpu",

@@ -1,0 +1,70 @@
+"""Film a live page for README, while a slider moves: python -m bench.film. It needs Chromium."""
+
+import io
+import os
+import shutil
+import sys
+import tempfile
+
+from PIL import Image
+from playwright.sync_api import sync_playwright
+
+import rigidmc
+from bench.readme import ROOT
+
+PAGE, WIDTH, COLOURS = {"width": 1000, "height": 760}, 640, 96
+FRAME = 80  # ms of the page, and of the film
+# frame: the push of the axis [rad/s] from here on; cusps, then loops, then waves
+PUSHES = {0: 0.0, 60: -1.2, 120: 0.6}
+FRAMES, SPEED = 180, "0.1"
+SLIDER = "input[aria-label='start.omega.2']"
+
+
+def screenshots(address):
+    """Yield a picture of the page for every frame of the film."""
+    program = next(
+        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome")))
+    )
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        page = browser.new_page(viewport=PAGE)
+        page.clock.install(time=0)
+        page.goto(address)
+        page.clock.pause_at(10_000)  # frames are at equal times, however long a screenshot takes
+        page.select_option("#speed", SPEED)
+        for number in range(FRAMES):
+            if number in PUSHES:
+                page.locator(SLIDER).evaluate(
+                    "(input, part) => { input.value = Number(input.min)"
+                    " + part * (input.max - input.min); input.dispatchEvent(new Event('input')) }",
+                    0.5 + 0.5 * PUSHES[number] / 2.0,  # of a slider from -2 to 2 rad/s
+                )
+            page.clock.run_for(FRAME)
+            page.wait_for_timeout(30)
+            yield Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+        browser.close()
+
+
+def main(path):
+    with tempfile.TemporaryDirectory() as folder:
+        file = os.path.join(folder, "live.html")
+        scene = rigidmc.Scene.load("heavy_top", {"run.members": 1})
+        rigidmc.live(
+            scene, file, sliders={"start.omega.2": (-2.0, 2.0), "start.omega.3": (80, 300)}
+        )
+        pictures = [
+            picture.resize(
+                (WIDTH, WIDTH * PAGE["height"] // PAGE["width"]), Image.Resampling.LANCZOS
+            )
+            for picture in screenshots(f"file://{file}")
+        ]
+    palette = pictures[-1].quantize(COLOURS)
+    first, *rest = [
+        picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures
+    ]
+    first.save(path, save_all=True, append_images=rest, duration=FRAME, loop=0, optimize=True)
+    print(f"{path}: {os.path.getsize(path) / 1e6:.2f} MB")
+
+
+if __name__ == "__main__":
+    main(*(sys.argv[1:] or [os.path.join(ROOT, "bench", "pictures", "live.gif")]))
