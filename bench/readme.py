@@ -110,8 +110,8 @@ def loop(rows, _):
     factor = {row["limit"]: _rounded(row["factor"]) for row in rows if row["kind"] == "factor"}
     compiling = next(row["seconds"] for row in rows if row["kind"] == "compilation")
     words = (
-        "It replaces a loop over scipy's `solve_ivp`: on the same cores, with an error of 1e-6, this "
-        f"loop takes {factor[1e-6]} times as long for heavy tops ({factor[1e-4]} at 1e-4, "
+        "It replaces a loop over scipy's `solve_ivp`: on the same cores, with an error of 1e-6, "
+        f"this loop takes {factor[1e-6]} times as long for heavy tops ({factor[1e-4]} at 1e-4, "
         f"{factor[1e-8]} at 1e-8; `python -m bench loop`). The first run of a scene also compiles,"
         f" here for {compiling:.0f} s"
     )
