@@ -8,7 +8,7 @@ import pytest
 from scipy.special import ellipk
 
 import rigidmc as rm
-from rigidmc.mechanics import inertia
+from rigidmc.mechanics import inertia, rotation
 from tests.whole.test_readme import PAGES, ROOT
 
 BLOCK = re.compile(r"(?ms)^( *)```(.*?)\n(.*?)^\1```")
@@ -138,3 +138,19 @@ def test_a_formula_has_the_value_of_the_closed_form(page, formula, names, true):
     text = (ROOT / "docs" / f"{page}.md").read_text("utf-8")
     assert " ".join(formula.split()) in " ".join(text.split())
     assert value(formula, names) == pytest.approx(float(true), rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("share", [1e-6, 0.3, 1.0 - 1e-6])
+def test_waves_lie_between_cusps_and_loops_outside(share):
+    """docs/theory/heavy_top.md: 1,000 tops at shares of three ranges of the rate."""
+    random = np.random.default_rng(1)
+    i1, i3, k, theta = random.uniform((0.2, 0.1, 0.1, 0.05), (2.0, 0.4, 3.0, 3.0), (1000, 4)).T
+    u, zero = np.cos(theta), 0.0 * theta
+    p_psi = np.sqrt(2.0 * i1 * k * (1.0 + u)) * random.uniform(1.02, 10.0, 1000)
+    ends = [-p_psi / (i1 * (1.0 - u)), zero, 2.0 * k / p_psi, p_psi / (i1 * (1.0 + u))]
+    attitude = rotation.from_euler(np.stack([zero, theta, zero], -1))
+    for n, kind in enumerate(("loops", "monotone precession", "loops")):
+        rate = ends[n] + share * (ends[n + 1] - ends[n])
+        momentum = np.stack([zero, i1 * rate * np.sin(theta), p_psi], -1)
+        tops = rm.analyse_lagrange_top(np.stack([i1, i1, i3], -1), k, momentum, attitude)
+        assert set(tops.kind) == {kind}
