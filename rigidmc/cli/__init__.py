@@ -16,7 +16,16 @@ import sys
 from typing import Any
 
 from rigidmc.cli import commands  # noqa: F401  # gives the app its commands
-from rigidmc.cli.app import FLAGGED, INCOMPLETE, INTERRUPTED, IO, OK, app, keep_apart
+from rigidmc.cli.app import (
+    FLAGGED,
+    INCOMPLETE,
+    INTERRUPTED,
+    IO,
+    OK,
+    app,
+    keep_apart,
+    limit_from_start,
+)
 from rigidmc.cli.reporting import guard
 
 
@@ -24,6 +33,7 @@ def main() -> None:
     """Entry point of the `rigidmc` command."""
     out = guard()
     keep_apart()
+    limit_from_start()
     code: Any = OK
     try:
         app()

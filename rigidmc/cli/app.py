@@ -3,6 +3,7 @@
 import os
 import re
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 # Exit codes. The help and docs/reference/commands.md show this table, and tests/cli/test_codes.py
 # holds every command to it.
 OK, USAGE, INVALID, FLAGGED, INCOMPLETE, REFUSED = 0, 2, 3, 4, 5, 6
-IO, INTERRUPTED, TERMINATED = 74, 130, 143
+IO, HUNG_UP, INTERRUPTED, TERMINATED = 74, 129, 130, 143
 
 # {code: (short name, meaning)}
 CODES = {
@@ -49,6 +50,7 @@ CODES = {
         "a scene, result or run directory does not exist, or cannot be read or written; not enough"
         " memory or disk space; no GPU, or an optional package is not installed",
     ),
+    HUNG_UP: ("hung up", "by SIGHUP: the terminal or the ssh session ended"),
     INTERRUPTED: ("interrupted", "by Ctrl-C"),
     TERMINATED: ("terminated", "by SIGTERM"),
 }
@@ -178,6 +180,30 @@ def load_result(path: str, allow_code: bool = False) -> "xr.Dataset":
     result = open_result(path)
     result.encoding["allow_code"] = allow_code
     return result
+
+
+_from_start = False
+
+
+def limit_from_start() -> None:
+    """Let time limits count from the start of the process, which runs one command."""
+    global _from_start
+    _from_start = True
+
+
+def end_of_limit(max_wall: float | None) -> float | None:
+    """Return when a time limit ends, on the clock of time.monotonic(); None without limit.
+
+    It counts from the start of the process, as batch systems count: imports take some of it.
+    """
+    if max_wall is None:
+        return None
+    spent = 0.0
+    if _from_start:
+        import psutil
+
+        spent = time.time() - psutil.Process().create_time()
+    return time.monotonic() + max_wall - spent
 
 
 def keep_apart() -> None:

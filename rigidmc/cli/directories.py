@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from rigidmc.cli.app import FLAGGED, INCOMPLETE, INVALID, OK, fail
+from rigidmc.cli.app import FLAGGED, INCOMPLETE, INVALID, OK, end_of_limit, fail
 from rigidmc.cli.options import (
     Accept,
     AllowCode,
@@ -94,21 +94,24 @@ def start_directory(
 ) -> tuple[int, bool]:
     """Make a run directory and compute its shards; see `resume_directory`."""
     from rigidmc.runs.directory.cluster import parse_cluster
+    from rigidmc.threads import Late, ending
 
-    began = time.monotonic()
     max_wall, shards, shard_size, shard_time, cluster = ways
     kind, count = ("", "") if cluster is None else parse_cluster(cluster)
     if shard_size is not None and not shard_size < 1e6:
         raise OptionError("expected megabytes, at most 1e6", at="shard_size", value=shard_size)
     size = None if shard_size is None else 1e6 * shard_size
     many = int(count) if kind == "local" else threads
-    directory = make(size, shards_of(shards), many, shard_time)
-    if max_wall is not None:  # subtract the time spent so far
-        max_wall = max(1e-9, max_wall - (time.monotonic() - began))
+    stop = end_of_limit(max_wall)
+    try:
+        with ending(stop):
+            directory = make(size, shards_of(shards), many, shard_time)
+    except Late:
+        fail("the time limit ended while the run was planned; nothing was written", INCOMPLETE)
     return resume_directory(
         directory.path,
         threads,
-        max_wall=max_wall,
+        stop=stop,
         shards=shards,
         allow_code=allow_code,
         cluster=cluster,
@@ -120,13 +123,15 @@ def resume_directory(
     run: str,
     threads: int | None,
     accept: bool = False,
-    max_wall: float | None = None,
+    stop: float | None = None,
     shards: str | None = None,
     allow_code: bool = False,
     cluster: str | None = None,
     device: str | None = None,
 ) -> tuple[int, bool]:
     """Compute the missing shards of a run, or of a range, and print the progress.
+
+    stop : as `rigidmc.cli.app.end_of_limit` returns it
 
     Return (exit code, whether the whole run is done).
     """
@@ -141,7 +146,7 @@ def resume_directory(
         threads=threads,
         progress=True,
         accept=accept,
-        max_wall=max_wall,
+        max_wall=None if stop is None else max(1e-9, stop - time.monotonic()),
         only=mine,
         allow_code=allow_code,
         cluster=cluster,
@@ -215,15 +220,14 @@ def resume_command(
     repair: Repair = False,
     allow_code: AllowCode = False,
 ) -> None:
+    stop = end_of_limit(max_wall)
     with report_errors():
         if repair:
             from rigidmc.runs.directory import gather
 
             deleted = gather.repair(run)
             print(f"  deleted {count_text(deleted, 'damaged shard')}")
-        code, _ = resume_directory(
-            run, threads, accept, max_wall, shards, allow_code, cluster, device
-        )
+        code, _ = resume_directory(run, threads, accept, stop, shards, allow_code, cluster, device)
     raise typer.Exit(code)
 
 
@@ -306,6 +310,7 @@ def extend_command(
     cluster: Cluster = None,
     allow_code: AllowCode = False,
 ) -> None:
+    stop = end_of_limit(max_wall)
     with report_errors():
         from rigidmc.runs.directory import resume as runs
         from rigidmc.runs.directory.cluster import parse_cluster
@@ -316,9 +321,7 @@ def extend_command(
         if is_map(run):
             members = members_of_pixels(run, members)
         runs.extend(run, members, accept, allow_code)
-        code, _ = resume_directory(
-            run, threads, accept, max_wall, None, allow_code, cluster, device
-        )
+        code, _ = resume_directory(run, threads, accept, stop, None, allow_code, cluster, device)
     raise typer.Exit(code)
 
 

@@ -11,7 +11,16 @@ from contextlib import contextmanager
 from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, Any, TextIO, cast
 
-from rigidmc.cli.app import INCOMPLETE, INTERRUPTED, INVALID, IO, REFUSED, TERMINATED, fail
+from rigidmc.cli.app import (
+    HUNG_UP,
+    INCOMPLETE,
+    INTERRUPTED,
+    INVALID,
+    IO,
+    REFUSED,
+    TERMINATED,
+    fail,
+)
 from rigidmc.errors import (
     NoRoom,
     NoSuchScene,
@@ -32,6 +41,10 @@ LEFT = "no partial file is under its final name; `rigidmc resume` continues a ru
 
 class Terminated(BaseException):
     """SIGTERM as an exception, so that a run ends as it does on Ctrl-C."""
+
+
+class HungUp(Terminated):
+    """SIGHUP as an exception: a lost ssh session ends a run as SIGTERM does."""
 
 
 class AskedToStop(BaseException):
@@ -71,6 +84,8 @@ def report_errors(file: str | None = None) -> Iterator[None]:
             fail(f"not enough memory: {error}; {ways}", IO)
         except KeyboardInterrupt:
             fail(f"interrupted; {LEFT}", INTERRUPTED)
+        except HungUp:
+            fail(f"hung up; {LEFT}", HUNG_UP)
         except Terminated:
             fail(f"terminated; {LEFT}", TERMINATED)
         except AskedToStop:
@@ -84,17 +99,19 @@ def _of_files(error: RuntimeError) -> bool:
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """Raise Terminated and AskedToStop for their signals; yield the numbers of all signals that
-    stop a command, SIGINT included."""
+    """Raise an exception for each signal that stops a command; yield the numbers of these signals,
+    SIGINT included."""
+    kinds: dict[int, type[BaseException]] = {signal.SIGTERM: Terminated}
+    if hasattr(signal, "SIGUSR1"):  # not on Windows
+        kinds[signal.SIGUSR1] = AskedToStop
+        if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # as nohup sets it
+            kinds[signal.SIGHUP] = HungUp
 
     def heard(number: int, _: FrameType | None) -> None:
-        raise Terminated if number == signal.SIGTERM else AskedToStop
+        raise kinds[number]
 
-    numbers = [signal.SIGTERM]
-    if hasattr(signal, "SIGUSR1"):  # not on Windows
-        numbers.append(signal.SIGUSR1)
-    previous = {signal.SIGINT: signal.getsignal(signal.SIGINT)}
-    previous |= {number: signal.signal(number, heard) for number in numbers}
+    previous: dict[int, Any] = {signal.SIGINT: signal.getsignal(signal.SIGINT)}
+    previous |= {number: signal.signal(number, heard) for number in kinds}
     try:
         yield list(previous)
     finally:

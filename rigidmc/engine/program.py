@@ -58,6 +58,7 @@ from rigidmc.physics.integrators.protocol import (
     stepping_form,
 )
 from rigidmc.physics.observables.protocol import size
+from rigidmc.threads import Late, is_late
 
 TRACE_ROWS = 7 * (TRACE + 1)  # the states before and after each of TRACE steps
 MARCH = "piswtikkuiii"  # the arguments of `march`, see `KernelKey`
@@ -275,12 +276,14 @@ class Program:
     def _compile_missing(
         self, missing: Sequence[str], meanwhile: Callable[[], None] | None
     ) -> None:
-        """Compile kernels by name, some of them in a second process."""
+        """Compile kernels by name, some of them in a second process; Late at a deadline."""
         theirs = self.helper_share()
         keys = {name: key for name in missing if (key := self.kernel_keys[name])}
         with announce_compiling(self.label, missing, self.effects, theirs):
             with compile_in_helper([keys[name] for name in theirs]):
                 for name in missing:
+                    if is_late():
+                        raise Late
                     if name not in theirs:
                         compile_kernel(keys[name])
                 if meanwhile is not None:

@@ -17,10 +17,10 @@ import tomllib
 from typing import Any
 
 from rigidmc.errors import FileError, SceneError, path_of
-from rigidmc.files.opening import open_plain, open_regular
+from rigidmc.files.opening import data_bytes, open_plain, open_regular
 from rigidmc.files.outputs import Path
 
-HASHED = 4 * 2**30  # largest mesh in bytes: 4 s of hashing
+MESH = 2**28  # largest mesh in bytes; of 20 to 50 for a triangle, which needs 500 of memory
 TEXT = 4 * 2**20  # largest text in bytes: TOML is read at 1 to 5 MB/s
 DEPTH = 100  # tables and lists within each other; scenes have 4
 # strings and comments of TOML, in which brackets and dots have no meaning. An unclosed string ends
@@ -50,20 +50,32 @@ def bytes_of(path: Path, most: int = TEXT, last: bool = False, links: bool = Tru
 
 
 def sha256_of(path: Path) -> str:
-    """Return the sha256 of a regular file of at most HASHED bytes, in hexadecimal digits."""
+    """Return the sha256 of a mesh, in hexadecimal digits; FileError as `refuse_large_mesh`."""
+    refuse_large_mesh(path)
     with open(path, "rb", opener=open_regular) as file:
-        if os.fstat(file.fileno()).st_size > HASHED:
-            rule = f"is larger than {HASHED / 2**30:g} GB, the limit for meshes"
-            raise FileError(rule, at="file", file=os.fspath(path))
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def refuse_large_mesh(path: Path) -> None:
+    """Raise FileError for a mesh file of more than MESH bytes, and for a sparse one, whose size may
+    be a thousand times what it occupies on the disk."""
+    with open(path, "rb", opener=open_regular) as file:
+        size, data = os.fstat(file.fileno()).st_size, data_bytes(file.fileno())
+    if size > MESH:
+        rule = f"is larger than {MESH / 2**20:g} MB, the limit for meshes: simplify it"
+        raise FileError(rule, at="file", file=os.fspath(path))
+    if 2 * data < size:
+        rule = f"is sparse: only {data / 1e6:.2g} of its {size / 1e6:.2g} MB are stored"
+        raise FileError(rule, at="file", file=os.fspath(path))
 
 
 def text_of(path: Path, most: int = TEXT, links: bool = True) -> str:
     """Return the text of a regular file; FileError if not UTF-8. most, links : as in `bytes_of`"""
     try:
-        return bytes_of(path, most, links=links).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+        text = bytes_of(path, most, links=links).decode("utf-8")
     except UnicodeDecodeError:
         raise FileError("is not UTF-8 text", at="file", file=os.fspath(path)) from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def toml(text: object) -> dict[str, Any]:

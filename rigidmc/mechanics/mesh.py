@@ -4,13 +4,14 @@ trimesh reads the files (extra `mesh`).
 """
 
 import os
+from collections.abc import Iterator
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import FileError, SceneError
-from rigidmc.files.reading import load_mesh
+from rigidmc.files.reading import load_mesh, refuse_large_mesh
 from rigidmc.files.trial import refuse_unreadable
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio, odd
@@ -48,6 +49,7 @@ def load(
     if not os.path.exists(path):
         raise FileNotFoundError(f"{path}: no such file")
     try:
+        refuse_large_mesh(name)
         refuse_unreadable(name, "mesh")
         mesh: Any = load_mesh(name)
     except FileError as error:
@@ -74,9 +76,9 @@ def _triangles(mesh: Mesh, name: str, scale: float, closed: bool) -> NDArray[np.
     faces = faces[~thin]
     if not len(faces):
         raise SceneError("has no triangles with an area", at="mesh", value=name)
-    triangles: NDArray[np.float64] = scale * vertices[faces]
     if closed and (faults := open_edges(faces)):
         raise SceneError(_cure(faults, vertices, faces), at="mesh", value=name)
+    triangles: NDArray[np.float64] = (scale * vertices)[faces]
     return triangles
 
 
@@ -124,15 +126,16 @@ def open_edges(faces: ArrayLike) -> str:
     Every edge must belong to two triangles that traverse it in opposite directions.
     """
     faces = np.asarray(faces, dtype=np.int64)
-    start, end = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
+    start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     size = faces.max() + 1
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    key, sign = low * size + high, np.where(start < end, 1, -1)
-    order = np.argsort(key, kind="stable")
-    key, sign = key[order], sign[order]
+    key = np.minimum(start, end) * size + np.maximum(start, end)
+    key = 2 * key + (start < end)  # sorted in place: a mesh may have millions of edges
+    del start, end
+    key.sort()
+    sign, key = 2 * (key & 1).astype(np.int8) - 1, key >> 1
     first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
     count = np.diff(np.append(first, key.size))
-    direction = np.add.reduceat(sign, first)
+    direction = np.add.reduceat(sign, first, dtype=np.int64)
     twisted = np.count_nonzero((count == 2) & (direction != 0))
     wrong = [
         (np.count_nonzero(count == 1), "edges with only one triangle: it has holes"),
@@ -178,11 +181,27 @@ def _welded(
     return np.asarray(merged[apart])
 
 
+def six_volumes(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return six times the signed volumes (n,) of the tetrahedra from the first vertex to the
+    triangles (n, 3, 3)."""
+    volumes = np.empty(len(triangles))
+    for part in _parts(len(triangles)):
+        local = triangles[part] - triangles[0, 0]
+        volumes[part] = np.einsum("ni,ni->n", local[:, 0], np.cross(local[:, 1], local[:, 2]))
+    return volumes
+
+
+def _parts(count: int) -> Iterator[slice]:
+    """Yield slices of at most 2^18 triangles: the sums over a part need 50 MB, not a multiple of a
+    large mesh."""
+    for start in range(0, count, 2**18):
+        yield slice(start, start + 2**18)
+
+
 def faced_outward(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
     """Return closed triangles (n, 3, 3) wound to face outward, and whether all were reversed."""
-    local = triangles - triangles[0, 0]
-    six = np.einsum("ni,ni->n", local[:, 0], np.cross(local[:, 1], local[:, 2])).sum()
-    return (triangles[:, ::-1], True) if six < 0.0 else (triangles, False)
+    is_inward = six_volumes(triangles).sum() < 0.0
+    return (triangles[:, ::-1], True) if is_inward else (triangles, False)
 
 
 def convex_hull(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -236,18 +255,21 @@ def mass_properties(
     the second moment V ((a+b+c)(a+b+c)^T + a a^T + b b^T + c c^T)/20. SceneError if the volume is
     not positive.
     """
-    origin = triangles[0, 0]
-    local = triangles - origin  # a mesh far from the origin would lose digits
-    volume = np.einsum("ni,ni->n", local[:, 0], np.cross(local[:, 1], local[:, 2])) / 6.0
+    origin = triangles[0, 0]  # a mesh far from the origin of its axes would lose digits
+    volume = six_volumes(triangles) / 6.0
     total = volume.sum()
     if not total > 0.0:
         rule = f"encloses the volume {total:.3g}: its triangles must be wound to face outward"
         raise SceneError(rule, at="mesh")
-    middle = local.sum(1)
-    centre = (volume @ middle) / 4.0 / total
-    second = np.einsum("n,ni,nj->ij", volume, middle, middle)
-    for corner in range(3):
-        second += np.einsum("n,ni,nj->ij", volume, local[:, corner], local[:, corner])
+    first, second = np.zeros(3), np.zeros((3, 3))
+    for part in _parts(len(triangles)):
+        local, volumes = triangles[part] - origin, volume[part]
+        middle = local.sum(1)
+        first += volumes @ middle
+        second += np.einsum("n,ni,nj->ij", volumes, middle, middle)
+        for corner in range(3):
+            second += np.einsum("n,ni,nj->ij", volumes, local[:, corner], local[:, corner])
+    centre = first / 4.0 / total
     shift = np.outer(origin, centre) + np.outer(centre, origin) + np.outer(origin, origin)
     second = second / 20.0 + total * shift
     tensor = np.trace(second) * np.eye(3) - second

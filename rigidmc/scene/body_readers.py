@@ -131,7 +131,8 @@ class BodyReaders(BodyMakers):
         scale, note = guess_scale(triangles, mass if solid == "solid" else None)
         if note:
             warnings.warn(f"{path}: {note}", SceneWarning, stacklevel=3)
-        return cls._of_triangles(scale * triangles, density, mass, solid, path, scale)
+        triangles *= scale
+        return cls._of_triangles(triangles, density, mass, solid, path, scale)
 
     @classmethod
     def from_mesh(

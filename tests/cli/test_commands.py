@@ -205,7 +205,14 @@ def cpu_of_children():
 
 
 @LINUX
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [
+        (signal.SIGINT, 130),
+        pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow),  # 3 s, as SIGHUP
+        (getattr(signal, "SIGHUP", 1), 129),
+    ],
+)
 def test_signals(tmp_path, number, code):
     """A stopped run exits with the code of the signal, does little more, and leaves no file."""
     # with a warm cache no process beside it compiles, whose CPU time would be counted, too

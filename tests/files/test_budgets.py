@@ -221,3 +221,16 @@ def test_a_mesh_is_one_message(text, ending, tmp_path):
     path.write_bytes(bytes(80) + (2**31).to_bytes(4, "little"))  # an STL file's number of triangles
     with bounded(), pytest.raises(SceneError):
         mesh.load(path)
+
+
+@pytest.mark.parametrize(("count", "words"), [(4 * 10**6, "is sparse"), (10**7, "than 256 MB")])
+def test_a_mesh_of_holes_is_refused(count, words, tmp_path):
+    """It occupies 4 kB, and took 3.9 GB and a minute."""
+    pytest.importorskip("trimesh")
+    with open(tmp_path / "part.stl", "wb") as file:
+        file.write(bytes(80) + count.to_bytes(4, "little"))
+        file.truncate(84 + 50 * count)
+    with bounded(), pytest.raises(SceneError, match=words):
+        mesh.load(tmp_path / "part.stl")
+    with pytest.raises(FileError, match=words):
+        reading.sha256_of(tmp_path / "part.stl")

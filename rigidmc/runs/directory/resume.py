@@ -28,6 +28,7 @@ from rigidmc.runs.prepare import PreparedRun
 from rigidmc.runs.resources import check_resources, needs
 from rigidmc.scene.amounts import count_text, read_count, read_seconds
 from rigidmc.scene.quantities import count_rows
+from rigidmc.threads import Late, ending
 
 
 def resume(
@@ -75,10 +76,13 @@ def resume(
         if numbers.size:
             _refuse_hopeless(directory, run, numbers, size, many, cluster)
         started = time.monotonic()
-        with announce(progress):
-            # also for the workers of a cluster, which find it in the cache
-            if numbers.size:
-                run.program(device)
+        try:
+            with announce(progress), ending(stop):
+                # also for the workers of a cluster, which find it in the cache
+                if numbers.size:
+                    run.program(device)
+        except Late:
+            numbers = numbers[:0]
         directory.note(
             event="begun",
             shards=len(numbers),

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.mechanics.mesh import six_volumes
+
 LARGE = 10.0  # m: few bodies are larger, and few drawings in mm are smaller
 MATTER = (5.0, 23_000.0)  # kg/m3: from foam and thin boxes to osmium
 
@@ -30,8 +32,7 @@ def _by_density(triangles: NDArray[np.float64], mass: float | None) -> list[floa
     """Return the scales, 1 and 0.001, for which the mass makes a density of matter."""
     if not isinstance(mass, (int, float)) or not mass > 0.0:
         return []
-    local = triangles - triangles[0, 0]
-    volume = abs(np.einsum("ni,ni->n", local[:, 0], np.cross(local[:, 1], local[:, 2])).sum()) / 6.0
+    volume = abs(six_volumes(triangles).sum()) / 6.0
     if not volume > 0.0:
         return []
     return [by for by in (1.0, 1e-3) if MATTER[0] <= mass / (by**3 * volume) <= MATTER[1]]

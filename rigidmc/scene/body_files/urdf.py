@@ -172,9 +172,7 @@ def _only_link(parts: dict[str, RigidPart | None], heads: dict[str, str], file: 
     raise SceneError(f"there are {len(parts):,} links: {words}", at="body.link", file=file)
 
 
-def _fixed_to(
-    link: str, fixed: Fixed, parts: dict[str, RigidPart | None]
-) -> dict[str, RigidPart]:
+def _fixed_to(link: str, fixed: Fixed, parts: dict[str, RigidPart | None]) -> dict[str, RigidPart]:
     """Return the parts with mass of a link and of all that is fixed to it, in its frame."""
     children: dict[str, list[str]] = {}
     for child, (_, parent, _) in fixed.items():

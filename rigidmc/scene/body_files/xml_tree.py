@@ -51,7 +51,8 @@ def read_xml(path: Path) -> Element:
     except FileError:
         raise
     except Exception as error:  # the codec that the file names may raise anything
-        raise refuse(f"names an encoding that XML does not have: save it as UTF-8 ({error})") from None
+        rule = f"names an encoding that XML does not have: save it as UTF-8 ({error})"
+        raise refuse(rule) from None
     return builder.close()
 
 
