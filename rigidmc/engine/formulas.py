@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from rigidmc.engine.compile_time import announce_compiling
 from rigidmc.engine.compiler.compose import NumbaError, compile_method, inline, inline_all
 from rigidmc.engine.compiler.derivatives import change_of, moving
+from rigidmc.engine.compiler.frozen import frozen
 from rigidmc.engine.compiler.intrinsics import intrinsic
 from rigidmc.engine.compiler.kernels import (
     WIDTH,
@@ -140,7 +141,7 @@ def evaluate(
     index = np.ascontiguousarray(index, dtype=np.int64)
     fields, out = table.shape[1], np.empty((width, count))
     formula = kind if isinstance(kind, tuple) else kind(*[0.0] * (fields + extra))
-    key = KernelKey(fill, (formula,), "float64", side, FILL)
+    key = KernelKey(fill, frozen((formula,)), "float64", side, FILL)
     with announce_compiling("formulas", () if is_compiled(key) else ("formulas",)):
         # The kernel reads its numbers from an array that must live until the calls end.
         compiled, _alive = compile_kernel(key)

@@ -15,6 +15,7 @@ from numba.core.registry import cpu_target
 
 from rigidmc.engine.compiler.compose import NumbaError, inline_all, innermost_cause
 from rigidmc.engine.compiler.disk_cache import cached_text
+from rigidmc.engine.compiler.frozen import frozen
 from rigidmc.engine.compiler.kernels import (
     WIDTH,
     KernelKey,
@@ -145,6 +146,7 @@ def why_scalar(effect: Any) -> str:
     """Return why members cannot be worked on side by side with a custom effect, or ""."""
     if type(effect) in EFFECTS.values():
         return ""
+    effect = frozen(effect)
     if type(effect) not in _why_scalar:
         signature = signature_of(KernelKey(_all_methods, blank((effect,)), "float64", WIDTH, "s"))
 
@@ -184,6 +186,7 @@ _why_scalar: dict[type, str] = {}
 
 def _torque_code(effect: Any) -> str:
     """Return the LLVM code of an effect's torque, compiled once for each class."""
+    effect = frozen(effect)
     if type(effect) not in _torque_codes:
         given = *blank((effect,)), _BODY, 0.0, _AT, _SPIN
         kinds = tuple(map(typeof, given))
@@ -235,6 +238,7 @@ def _count(function: Callable[..., Any], *arguments: Any) -> Operations:
 
 def _code(function: Callable[..., Any], *arguments: Any) -> str:
     """Return the LLVM code of a function, compiled for the types of these arguments."""
+    arguments = frozen(arguments)
     flags: Any = FLAGS
     compiled = njit(**flags)(function)
     compiled.compile(tuple(map(typeof, arguments)))
@@ -282,7 +286,7 @@ def _why_scalar_part(
     at: str, user_part: Any, part: Any, effects: Sequence[Any], probe: Callable[..., int]
 ) -> str:
     """Return why members cannot be worked on side by side with a part, or ""; raise SceneError."""
-    parts = part, tuple(effects)
+    parts = frozen((part, tuple(effects)))
     key = probe, type_key(parts)
 
     def probed() -> str:

@@ -9,6 +9,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from rigidmc.engine.compile_helper import compile_in_helper, helper_can
 from rigidmc.engine.compile_time import announce_compiling, split_work
+from rigidmc.engine.compiler.frozen import frozen
 from rigidmc.engine.compiler.kernels import (
     NO_FUNCTION,
     NO_TANGENTS,
@@ -130,13 +131,18 @@ class Program:
         axes: bool = False, derivatives: Derivatives = NO_DERIVATIVES,
         meanwhile: Callable[[], None] | None = None,
     ) -> None:  # fmt: skip
+        scheme, effects = (
+            scheme._replace(integrator=frozen(scheme.integrator)),
+            frozen(tuple(effects)),
+        )
+        observables, events, running = map(frozen, map(tuple, (observables, events, running)))
         # An integrator with extra state compensates its rounding there.
         compensated = compensated and not has_extra_state(scheme.integrator)
         # ScaledRK4 keeps w in place of L, opened by row 0; with remainders it is RK4, which has no
         # opening.
         if compensated and implements(scheme.integrator, "with_compensation"):
             scheme = scheme._replace(
-                integrator=scheme.integrator.with_compensation(),
+                integrator=frozen(scheme.integrator.with_compensation()),
                 substeps=scheme.substeps * (np.arange(len(scheme.substeps)) > 0)[:, None],
             )
         self.scheme, self.effects, self.dtype = scheme, effects, np.dtype(dtype).name
@@ -216,7 +222,7 @@ class Program:
         groups = static_count(1 if self.moving.of_each else several_groups)
         several, count = flag(len(self.scheme.substeps) > 2), static_count(len(works))
         stepped = (integrator, effects, *flags, count, groups, several, self.paired)
-        form, dense = stepping_form(integrator), static_count(min(shape.nodes, 2))
+        form, dense = frozen(stepping_form(integrator)), static_count(min(shape.nodes, 2))
 
         def key(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
             return KernelKey(function, parts, self.dtype, self.lanes, arguments) if wanted else None

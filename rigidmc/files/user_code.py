@@ -113,6 +113,16 @@ def is_user_code(names: Mapping[str, Any]) -> bool:
     return isinstance(file, str) and not os.path.abspath(file).startswith(_INSTALLED)
 
 
+def is_installed(thing: Any) -> bool:
+    """Return whether a function or class comes from Python itself or an installed package."""
+    code = getattr(thing, "__code__", None)
+    module = sys.modules.get(str(getattr(thing, "__module__", None)))
+    file: str | None = code.co_filename if code else getattr(module, "__file__", None)
+    if file is None:
+        return module is not None and module.__name__ != "__main__"
+    return os.path.abspath(file).startswith(_INSTALLED)
+
+
 def sources_of(kind: type[Any]) -> list[str]:
     """Return the file of a user's class, and the user's files that the class uses."""
     file = source_of(kind)

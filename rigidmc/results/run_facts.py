@@ -27,6 +27,7 @@ class _Facts(BaseModel):
     scene: _Hash
     columns: Annotated[str, Field(pattern="^([0-9a-f]{64})?$")]
     code: dict[str, str]
+    contents: dict[str, str] = {}
     attributes: dict[str, str | int | float]
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     first: Count

@@ -5,7 +5,7 @@ import time
 from typing import NamedTuple
 
 from rigidmc.engine.compile_time import compiled
-from rigidmc.engine.compiler.user_stamps import why_not_cached
+from rigidmc.engine.compiler.frozen import why_not_cached
 from rigidmc.errors import RigidmcError
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.closed_form import closed_values

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.engine.compiler.contents import changes, contents_of
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
-from rigidmc.errors import OptionError, warn
+from rigidmc.errors import OptionError, PartError, warn
 from rigidmc.files.outputs import Path
 from rigidmc.planning.check import check_scene
 from rigidmc.planning.closed_form import closed_form
@@ -46,6 +47,7 @@ from rigidmc.scene.quantities import Varied
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
+from rigidmc.scene.user_parts.registry import user_parts_of
 from rigidmc.scene.validation import PILOT
 from rigidmc.scene.varied import close_varied, nominal_of, open_varied, stored_values, with_values
 
@@ -104,6 +106,7 @@ class PreparedRun:
         self._programs: dict[tuple[str, bool], Program | None] = {}
         self._blanks = Blanks()
         self._derived: dict[str | tuple[str, ...], PreparedRun] = {}  # by `wrt` of `run`
+        self.contents = contents_of_parts(scene)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -129,8 +132,15 @@ class PreparedRun:
         >>> rm.prepare("dzhanibekov", members=4, t_end=1.0).compile().plan.members
         4
         """
+        self._refuse_changes()
         self.program(resolve_device(device))
         return self
+
+    def _refuse_changes(self) -> None:
+        """Raise PartError if custom code has changed since the run was prepared."""
+        if changed := changes(self.contents, contents_of_parts(self.scene)):
+            rule = f"{', '.join(changed[:5])}: changed since the run was prepared; prepare it again"
+            raise PartError(rule, at="code")
 
     def program(self, device: str = "cpu") -> Program | None:
         """Return the program that moves the members, compiled or from the cache; None for closed
@@ -255,7 +265,8 @@ class PreparedRun:
         Raises
         ------
         SceneError
-            for members that the scene lacks
+            for members that the scene lacks, and for custom classes that have changed since the run
+            was prepared
         NoRoom
             if memory or disk is too small
         NoDevice
@@ -267,6 +278,7 @@ class PreparedRun:
         >>> run.run(members=range(2, 4)).member.values.tolist()
         [2, 3]
         """
+        self._refuse_changes()
         run = self if wrt is None else self.with_derivatives(wrt)
         if values is not None:
             run = run.with_values(values)
@@ -338,7 +350,13 @@ class PreparedRun:
         changed = PreparedRun(scene or self.scene, plan, layout, *known, *notes)
         # neither the code nor the text of a result depends on the values of members
         changed._programs, changed._blanks = self._programs, self._blanks
+        changed.contents = self.contents
         return changed
+
+
+def contents_of_parts(scene: Scene) -> dict[str, str]:
+    """Return what the custom classes of a scene read, see `contents_of`."""
+    return contents_of({type(part): None for part in user_parts_of(scene)})
 
 
 def _is_streamed(output: Path | None) -> bool:

@@ -37,6 +37,8 @@ fma                the one rule that decides which products are fused with sums
 disk_cache         kernels on disk, named by a hash of all their inputs
 source_stamps      that hash for modules of the package
 user_stamps        that hash for a custom class
+frozen             copies of custom classes, which are what Numba sees: a user may change a class
+contents           what custom classes read, for another process to compare
 numba_extensions   whether another package has changed how Numba compiles
 
 Invariants:

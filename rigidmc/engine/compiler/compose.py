@@ -9,7 +9,7 @@ function is ever an argument: Numba's disk cache could not recognise it.
 import inspect
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
 from types import ModuleType
@@ -24,11 +24,10 @@ import rigidmc.physics.effects.protocol
 import rigidmc.physics.integrators.protocol
 import rigidmc.physics.observables.protocol  # noqa: F401  (imported so that METHODS is complete)
 from rigidmc.engine.compiler.derivatives import rule_for
+from rigidmc.engine.compiler.frozen import copy_of, is_custom
 from rigidmc.engine.compiler.inlined import compile_inlined
 from rigidmc.engine.compiler.intrinsics import INTRINSICS, intrinsic, register_template
 from rigidmc.engine.compiler.pipeline import INLINE, is_of_package
-from rigidmc.engine.compiler.user_stamps import observe_user_code
-from rigidmc.files.user_code import is_user_code
 from rigidmc.physics.dynamics.methods import METHODS, arguments
 
 Function = Callable[..., Any]
@@ -134,16 +133,20 @@ def compile_method(call: Any) -> None:
     name, default, available = call.__name__, inline(call.default), call.available
 
     def resolve(typing_context: Any, part: Any, *values: Any) -> Any:
-        if not part.instance_class.__module__.startswith("rigidmc."):
-            observe_user_code(part.instance_class)
         known = len(_inlined)
+        if is_custom(part.instance_class):
+            copy = copy_of(part.instance_class)
+            for called in copy.functions:
+                inline(called)
+            for module in copy.modules:
+                inline_all(sys.modules[module])
         method = getattr(part.instance_class, name, None)
         named = available if method is None else arguments(method)
         places = [available.index(argument) for argument in named]
         # A missing method costs nothing: the default is inlined, and usually does nothing.
         function = default if method is None else inline(method)
-        if method is not None:
-            inline_names(method.__module__, method.__globals__)
+        if method is not None and is_of_package(method):
+            inline_all(sys.modules[method.__module__])
         if len(_inlined) > known:  # Numba does not know templates that `inline` has just registered
             typing_context.refresh()
         kind = typing_context.resolve_value_type(function)
@@ -168,41 +171,26 @@ def compile_method(call: Any) -> None:
 def inline_all(module: ModuleType) -> None:
     """Make every plain function of a module callable from compiled code, and the ones these call.
 
-    The search goes on through all modules of the same package, of rigidmc, or of a user's files
-    from which the module imports a function, or which it imports. It skips modules of the engine,
-    because each of them calls this for itself.
+    The search goes on through all modules of the package from which the module imports a function.
+    It skips modules of the engine, because each of them calls this for itself.
     """
-    inline_names(module.__name__, vars(module))
-
-
-def inline_names(module: str, names: Mapping[str, Any]) -> None:
-    """Do the same as `inline_all` for a module given by name and namespace.
-
-    No registry may list a user's module.
-    """
-    package, pending, seen = module.partition(".")[0], [(module, names)], set(_done)
+    pending, seen = [module.__name__], set(_done)
     # Generic functions are not plain: `compile_method` serves them.
     methods: list[Any] = list(METHODS)
     while pending:
-        module, names = pending.pop()
-        if module in seen:
+        name = pending.pop()
+        if name in seen:
             continue
-        seen.add(module)
-        for value in list(names.values()):
-            if inspect.ismodule(value) and package != "rigidmc" and is_user_code(value.__dict__):
-                pending.append((value.__name__, vars(value)))
+        seen.add(name)
+        for value in list(vars(sys.modules[name]).values()):
             if not inspect.isfunction(value) or value in methods:
                 continue
-            home = value.__module__
-            same = str(home).partition(".")[0] in (package, "rigidmc")
-            if home == module:
+            home = str(value.__module__)
+            if home == name:
                 inline(value)
-            elif (same and not home.startswith("rigidmc.engine.")) or is_user_code(
-                value.__globals__
-            ):
-                pending.append((home, value.__globals__))
-    if package == "rigidmc":  # a user's module, such as a notebook, may get more functions later
-        _done.update(seen)
+            elif is_of_package(value) and not home.startswith("rigidmc.engine."):
+                pending.append(home)
+    _done.update(seen)
 
 
 inline_all(sys.modules["rigidmc.engine.compiler.derivatives"])

@@ -33,8 +33,8 @@ import platformdirs
 from numba.core import caching
 from numba.core.serialize import NumbaPickler
 
+from rigidmc.engine.compiler.frozen import classes_of, homes_of, is_custom
 from rigidmc.engine.compiler.source_stamps import source_stamp
-from rigidmc.engine.compiler.user_stamps import classes_of, homes_of
 from rigidmc.files.opening import open_plain
 
 
@@ -129,8 +129,6 @@ def _from_disk(signatures: Sequence[Any], extra: str, make: Callable[[], str]) -
     text = make()
     if path is not None:
         with contextlib.suppress(OSError):
-            if text_path(signatures, extra) != path:  # a class has changed meanwhile
-                return text
             with open(f"{path}.{os.getpid()}", "w", encoding="ascii", opener=open_plain) as file:
                 file.write(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}")
             # Written to a temporary file and renamed: no process reads an incomplete file.
@@ -193,7 +191,7 @@ class CacheFiles(caching.IndexDataCacheFile):
 
 def _user_classes(signature: Any) -> list[type]:
     """Return the custom classes in a signature."""
-    return [cls for cls in classes_of(signature) if not cls.__module__.startswith("rigidmc.")]
+    return list(filter(is_custom, classes_of(signature)))
 
 
 class _Pickler(NumbaPickler):
@@ -270,7 +268,7 @@ def cache_class(folder: str) -> Any:
             return *super().reduce(cres)[:-1], ()
 
     class Cache(caching.FunctionCache):
-        """A cache of code for types with known classes, see `user_stamps`."""
+        """A cache of code for types whose classes have stamps, see `user_stamps`."""
 
         _impl_class = Implementation
 
@@ -394,4 +392,4 @@ def log_once(error: Exception) -> None:
 
 def of_package(signature: Any) -> bool:
     """Return whether all NamedTuples of a signature belong to the package."""
-    return all(kind.__module__.startswith("rigidmc.") for kind in classes_of(signature))
+    return not any(map(is_custom, classes_of(signature)))

@@ -24,8 +24,8 @@ from numba.core.typed_passes import NativeLowering, NopythonTypeInference
 from numba.core.typeinfer import TypeInferer
 
 from rigidmc.engine.compiler.fma import fuse
+from rigidmc.engine.compiler.frozen import tag_of
 from rigidmc.engine.compiler.lean_passes import LEAN, UNUSED_PASSES, LeanPasses
-from rigidmc.engine.compiler.user_stamps import compare_globals, tag_of
 from rigidmc.engine.machine import vector_registers
 
 _POWERS = operator.pow, operator.ipow  # with special code for a constant exponent
@@ -308,17 +308,6 @@ class FusingLowering(NativeLowering):
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
-class OwnFusingLowering(FusingLowering):
-    """The lowering of a custom function, which compares its globals with its stamp."""
-
-    _name = "rigidmc_own_fusing_lowering"
-
-    def run_pass(self, state: Any) -> bool:
-        compare_globals(state.func_id.func, state.func_ir)
-        return super().run_pass(state)
-
-
-@register_pass(mutates_CFG=True, analysis_only=False)
 class LeanFusingLowering(FusingLowering):
     """`FusingLowering` for a function of the package."""
 
@@ -344,7 +333,7 @@ class Pipeline(compiler.CompilerBase):
         if is_of_package(self.state.func_id.func):
             self.state.targetctx.enable_nrt = False  # none of their values counts references
             return [_lean_passes(self.state)]
-        return [_passes(self.state, {NativeLowering: OwnFusingLowering}, set())]
+        return [_passes(self.state, {NativeLowering: FusingLowering}, set())]
 
 
 def _passes(state: Any, others: dict[type, type], needless: set[str]) -> Any:

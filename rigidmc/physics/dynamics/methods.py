@@ -60,10 +60,15 @@ def static_count(count: int) -> Count:
 METHODS: list[Method] = []  # all of them, for `rigidmc.engine.compiler.compose` to compile
 
 
-# `inspect.signature` takes 6 us, and a scene asks hundreds of times.
-@lru_cache(maxsize=1024)
 def arguments(function: Callable[..., Any]) -> tuple[str, ...]:
     """Return the names of a method's arguments after self."""
+    return _arguments(function, getattr(function, "__code__", None))
+
+
+# `inspect.signature` takes 6 us, and a scene asks hundreds of times.
+@lru_cache(maxsize=1024)
+def _arguments(function: Callable[..., Any], code: Any) -> tuple[str, ...]:
+    """Return the names of the arguments of a function whose code may be replaced."""
     return tuple(inspect.signature(function).parameters)[1:]
 
 

@@ -150,12 +150,14 @@ def _shown(effect: Any) -> str:
 
 def facts(effect: Effect | type[Effect]) -> EffectFacts:
     """Return the facts of an effect or of its class, with defaults for missing ones."""
-    return _facts(effect if isinstance(effect, type) else type(effect))
+    cls = effect if isinstance(effect, type) else type(effect)
+    # cached: a run of few members asks 74 times, at 2.6 us each 0.2 ms of its 5 ms; a user may
+    # change the facts of a custom class
+    return (_facts if cls.__module__.startswith("rigidmc.") else _facts.__wrapped__)(cls)
 
 
 @cache
 def _facts(cls: type[Effect]) -> EffectFacts:
-    # cached: a run of few members asks 74 times, at 2.6 us each 0.2 ms of its 5 ms
     stated = {name for name in EffectFacts._fields if hasattr(cls, name)} - {*cls._fields}
     return EffectFacts(**{name: getattr(cls, name) for name in stated})
 

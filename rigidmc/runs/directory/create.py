@@ -168,6 +168,7 @@ def _facts(run: PreparedRun, shard: int, block: int, about: Mapping[str, str]) -
         "scene": "",
         "columns": "",
         "code": {file: hash_of_file(file) for file in sources},
+        **({"contents": run.contents} if run.contents else {}),
         "attributes": {
             # a run opens without the user's code, the only other source of these
             **(_told(run.layout) if sources else {}),

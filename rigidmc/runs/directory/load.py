@@ -7,6 +7,7 @@ from typing import Any
 
 import tomli_w
 
+from rigidmc.engine.compiler.contents import changes
 from rigidmc.engine.cuda.devices import is_gpu
 from rigidmc.engine.machine import UNCOMPILED, this_machine
 from rigidmc.errors import FileError, SceneError
@@ -17,10 +18,11 @@ from rigidmc.physics.observables import WATCHED
 from rigidmc.physics.observables.protocol import Growth
 from rigidmc.results.run_directory import RunDirectory, hash_of_file
 from rigidmc.results.run_facts import hash_of
-from rigidmc.runs.prepare import PreparedRun, prepare_scene
+from rigidmc.runs.prepare import PreparedRun, contents_of_parts, prepare_scene
 from rigidmc.runs.resources import block_of_shard
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene, loads
+from rigidmc.version import VERSION
 
 STUDY = "study"  # the attribute with the name of a study, then its request as JSON
 
@@ -98,6 +100,10 @@ def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Sc
             rule = "is not the file that the run was started with"
             raise FileError(rule, at="code", value=", ".join(changed), file=directory.path)
     scene = scene_in(directory.folder, facts, allow_code)
+    stored = facts.get("contents") if facts["versions"]["rigidmc"] == VERSION else None
+    if allow_code and stored and (other := changes(stored, contents_of_parts(scene))):
+        rule = "has changed since the run was started, which its other members were computed with"
+        raise FileError(rule, at="code", value=", ".join(other[:5]), file=directory.path)
     known = hash_of(scene)
     if known != facts["scene"] and scene.body.frame == "principal":
         known = _former_hash(scene)

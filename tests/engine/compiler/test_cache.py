@@ -21,9 +21,9 @@ import pytest
 
 import rigidmc
 from rigidmc.engine import compile_time
-from rigidmc.engine.compiler import disk_cache, user_stamps
+from rigidmc.engine.compiler import disk_cache, frozen
 from rigidmc.engine.compiler.disk_cache import with_cache
-from rigidmc.engine.compiler.user_stamps import homes_of
+from rigidmc.engine.compiler.frozen import homes_of
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.integrators.protocol import step
 from rigidmc.physics.integrators.rk4 import RK4
@@ -175,7 +175,7 @@ TRACED = """
 import json, os
 from collections import defaultdict
 from rigidmc.engine import compile_helper
-from rigidmc.engine.compiler import compose, disk_cache, kernels, pipeline, user_stamps
+from rigidmc.engine.compiler import compose, disk_cache, frozen, kernels, pipeline
 from rigidmc.engine.compiler.source_stamps import closure_of
 from rigidmc.files.processes import PACKAGE
 import rigidmc as rm
@@ -186,7 +186,7 @@ files, calls, stack, homes = defaultdict(set), defaultdict(set), [None], {}
 
 def kernel(dispatcher, signature):
     stack.append((dispatcher.py_func, signature.args))
-    homes[stack[-1]] = {cls.__module__ for cls in user_stamps.classes_of(signature)}
+    homes[stack[-1]] = {cls.__module__ for cls in frozen.classes_of(signature)}
     try:
         return plain(dispatcher, signature)
     finally:
@@ -326,8 +326,8 @@ def test_a_class_of_a_script_has_no_stamp():
     (lines,) = re.findall(r"^(class Own.*?)\n\n", RUN, re.S | re.M)
     script = {"__name__": "__main__", "NamedTuple": NamedTuple, "SIGN": 1}
     exec(lines, script)
-    assert user_stamps.stamp_of(script["Own"]) is None
-    assert homes_of(numba.float64(numba.typeof(script["Own"](0.5)))) is None
+    assert frozen.stamp_of(script["Own"]) is None
+    assert homes_of(numba.float64(numba.typeof(frozen.frozen(script["Own"](0.5))))) is None
 
 
 @pytest.mark.slow  # 12 s: two processes, each of which compiles
