@@ -15,7 +15,7 @@ POINT = 1e-9  # size of curves that are a point, far below the smallest of RIMS
 RIMS = (
     *(angle / 3600 for angle in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30)),
     *(angle / 60 for angle in (1, 2, 5, 10, 20, 30)),
-    *(1, 2, 5, 10, 20, 30),
+    *(1, 2, 5, 10, 20, 30, 45, 60),
 )
 
 Vectors = NDArray[np.float64]  # (..., 3)
@@ -35,15 +35,15 @@ class Cap(NamedTuple):
         return float(2.0 * np.sin(np.radians(self.angle) / 2.0))
 
 
-def cap_around(axis: int, u: Vectors) -> Cap | None:
+def cap_around(axis: int, u: Vectors, widest: float = 30.0) -> Cap | None:
     """Return the smallest cap around an axis that contains the directions u (n, 3); None if its rim
-    would be farther than 30 degrees."""
+    would be farther than `widest` [deg]."""
     right, up, toward = u[:, _order(axis)].T
     if toward.min() <= 0.0 <= toward.max():
         return None
-    widest = np.degrees(np.arctan2(np.hypot(right, up), np.abs(toward)).max())
-    rim = next((angle for angle in RIMS if widest <= angle * (1.0 + 1e-9)), None)
-    return None if rim is None else Cap(axis, 1 if toward.min() > 0.0 else -1, rim)
+    angle = np.degrees(np.arctan2(np.hypot(right, up), np.abs(toward)).max())
+    rim = next((rim for rim in RIMS if angle <= rim * (1.0 + 1e-9)), np.inf)
+    return Cap(axis, 1 if toward.min() > 0.0 else -1, rim) if rim <= widest else None
 
 
 def narrow_cap(curves: Sequence[Vectors], widest: float) -> Cap | None:
@@ -52,8 +52,7 @@ def narrow_cap(curves: Sequence[Vectors], widest: float) -> Cap | None:
     u = np.concatenate(curves)
     if not np.ptp(u, axis=0).max() > POINT:  # also if one is nan
         return None
-    cap = cap_around(int(np.argmax(np.abs(u).min(axis=0))), u)
-    return cap if cap is not None and cap.angle <= widest else None
+    return cap_around(int(np.argmax(np.abs(u).min(axis=0))), u, widest)
 
 
 def cap_points(cap: Cap, u: Vectors) -> tuple[Vectors, Vectors]:

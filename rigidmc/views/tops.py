@@ -44,7 +44,7 @@ from rigidmc.views.sample import (
     times_of,
 )
 
-NARROW = 30.0  # deg: loops and cusps so close to the vertical are small on the sphere
+NARROW = 60.0  # deg: the sphere hides the far side of loops and cusps around the vertical
 
 GAPS = "\nphi and psi are undefined where axis 3 is vertical: their lines end"
 
@@ -52,7 +52,7 @@ GAPS = "\nphi and psi are undefined where axis 3 is vertical: their lines end"
 def trajectory(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     """Draw the directions of body axis 3 in space.
 
-    Up to 20 members are paths on the unit sphere, or, if they stay within 30 degrees of a space
+    Up to 20 members are paths on the unit sphere, or, if they stay within 60 degrees of a space
     axis, on a cap around it. More members are a density, see
     `rigidmc.views.globes.axis_density`. For one heavy symmetric top, circles mark the turning
     angles.

@@ -75,6 +75,7 @@ def test_narrow_paths_are_drawn_on_a_cap_around_their_axis(axis, side):
     assert narrow_cap([cone(4.9)], 10.0) == (axis, side, 5)
     assert narrow_cap([cone(4.9), cone(1.0)], 10.0) == (axis, side, 5)
     assert narrow_cap([cone(11.0)], 10.0) is None
+    assert narrow_cap([cone(31.0)], 60.0) == (axis, side, 45)
     assert narrow_cap([cone(4.9), -cone(4.9)], 10.0) is None
     assert narrow_cap([cone(0.0)], 10.0) is None  # a point
     assert narrow_cap([cone(4.9), np.full((2, 3), np.nan)], 10.0) is None  # at rest

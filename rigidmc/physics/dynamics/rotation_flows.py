@@ -82,10 +82,11 @@ def split_flow(body, h, l):
 
     Exact for bodies with two equal moments.
 
-        T = |L|^2/(2 I2) + 1/2 (1/I1 - 1/I2) L1^2 + 1/2 (1/I3 - 1/I2) L3^2,   middle moment on axis 2
+        T = |L|^2/(2 I2) + 1/2 (1/I1 - 1/I2) L1^2 + 1/2 (1/I3 - 1/I2) L3^2
 
-    The first term rotates the body about L and commutes with the others, which are rotations about
-    the axes 1 and 3. They are composed symmetrically: h/2 about 1, h about 3, h/2 about 1.
+    with the middle moment on axis 2. The first term rotates the body about L and commutes with the
+    others, which are rotations about the axes 1 and 3. They are composed symmetrically: h/2 about
+    1, h about 3, h/2 about 1.
     """
     first, third = middle_axis(body)
     one, two, three = relabel(first, third, l)
