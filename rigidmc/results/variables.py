@@ -18,7 +18,6 @@ from rigidmc.physics.observables.saving import (
     FOLLOWED,
     LAG,
     event_times,
-    outputs_with_derivatives,
 )
 from rigidmc.scene.body import Body
 from rigidmc.scene.derivatives import derivative_name, derivative_units
@@ -110,8 +109,8 @@ def member_derivatives(
     """
     if not parameter_units:
         return {}
-    names = [name for pair in recording.monitored for name in outputs_with_derivatives(*pair)]
-    return derivative_variables({name: variables[name] for name in names}, parameter_units, ())
+    some = {name: variables[name] for name in recording.differentiable}
+    return derivative_variables(some, parameter_units, ())
 
 
 def flagged_variables(recording: Recording) -> dict[str, Variable]:

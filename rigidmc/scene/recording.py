@@ -14,7 +14,7 @@ from rigidmc.physics.observables import (
     saved_observables,
 )
 from rigidmc.physics.observables.protocol import EnsembleObservable, NoiseSum
-from rigidmc.physics.observables.saving import save_words, summaries
+from rigidmc.physics.observables.saving import outputs_with_derivatives, save_words, summaries
 from rigidmc.scene.parts import Parts
 
 Labelled = tuple[tuple[str, Any], ...]  # (label, observable) of each
@@ -41,6 +41,11 @@ class Recording(NamedTuple):
     def observable(self, name: str) -> Any:
         """Return the observable of this name at save times, shipped or custom."""
         return find_observable(self.observables, name)
+
+    @property
+    def differentiable(self) -> tuple[str, ...]:
+        """The results over all steps that have derivatives by parameters of the scene."""
+        return tuple(n for pair in self.monitored for n in outputs_with_derivatives(*pair))
 
     @property
     def has_noise_sums(self) -> bool:

@@ -1,7 +1,7 @@
 """Differentiate the mean or a quantile over an ensemble by parameters of a scene, with intervals.
 
-Two estimators serve two kinds of measure. For an observable X at the end, members have derivatives
-of their own ("path")::
+Two estimators serve two kinds of measure. For an observable X at the end, or a mean or an extremum
+over the steps, members have derivatives of their own ("path")::
 
     d<X>/dp = <dX/dp>,   dq/dp = <dX/dp | X = q> for the quantile q
 
@@ -59,7 +59,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, unknown
-from rigidmc.physics.observables import OBSERVABLES
+from rigidmc.physics.observables import saved_observables
 from rigidmc.results.intervals import resolution_of
 from rigidmc.results.labels import count_text
 from rigidmc.results.measures import save_for_measures
@@ -120,11 +120,11 @@ class GradientOptions(Options):
     confidence: float = confidence_option("confidence level of the intervals")
 
 
-def observables_of(texts: Sequence[str]) -> tuple[str, ...]:
+def observables_of(scene: Scene, texts: Sequence[str]) -> tuple[str, ...]:
     """Return the observables whose values at the end measures name."""
     words = [word for text in texts for word in re.findall(r"[A-Za-z_]\w*", text)]
     ended = [word.rsplit("_", 1)[0] for word in words if word.endswith(ENDS)]
-    return tuple(dict.fromkeys(name for name in ended if name in OBSERVABLES))
+    return saved_observables(ended, scene.observables)
 
 
 def scene_with_derivatives(
@@ -133,8 +133,9 @@ def scene_with_derivatives(
     """Return the scene with the members of the study; OptionError, SceneError."""
     if options.method not in METHODS:
         raise unknown("method", METHODS, at="method", value=options.method, error=OptionError)
-    save = observables_of(options.of)
-    own = tuple(name for name in scene.run.save if name not in OBSERVABLES)
+    save = observables_of(scene, options.of)
+    at_saves = saved_observables(scene.run.save, scene.observables)
+    own = tuple(name for name in scene.run.save if name not in at_saves)
     scene = scene.with_run(save=(*save, *own), keep="full", every=0.5 * scene.run.t_end)
     # the saves have the values at the end: nothing needs to monitor NAME_last
     others = [re.sub(rf"\b({'|'.join(save)})_last\b", "", text) for text in options.of]
@@ -142,13 +143,11 @@ def scene_with_derivatives(
     ending = saved_variables(scene.effects, make_recording(scene.with_run(keep="final")))
     last = {name.replace(*ENDS): about for name, about in ending.items()}
     known = {**variables_of(scene), **ending, **last}
-    asked = [asked_of(text, known, True) for text in options.of]
+    asked = [asked_of(text, known, scene, True) for text in options.of]
     assert options.wrt is not None
     names = expanded(scene, options.wrt)
     found = ways(scene, asked, names, options.method)
     by_path = [name for j, name in enumerate(names) if "path" in [row[j] for row in found]]
-    if by_path and not save:
-        raise OptionError("names no observable at the end", at="of", value=options.of)
     by_noise = _by_noise(scene, names, found) and "noise_score" not in scene.run.save
     more = ("noise_score",) if by_noise else ()
     derived: Scene = scene.with_run(wrt=tuple(by_path), save=(*scene.run.save, *more))
@@ -183,7 +182,8 @@ def with_ends(part: xr.Dataset) -> xr.Dataset:
 class Rates(NamedTuple):
     """Derivatives of one observable of members, over (parameter, n).
 
-    rates : at the end;  half, end : sizes over all components, at half of the time and at the end
+    rates : at the end;  half, end : sizes over all components, at half of the time (nan for results
+        over all steps) and at the end
     """
 
     rates: Array
@@ -195,13 +195,17 @@ def rates_of(part: xr.Dataset, one: Asked, names: Sequence[str]) -> Rates:
     """Return the derivatives of the observable of a measure by parameters of the result; nan for
     flagged members."""
     found = part[derivative_name(one.observable)].sel(parameter=list(names))
+    if "time" in found.dims:
+        middle = int(np.abs(part.time.values - 0.5 * part.time.values[-1]).argmin())
+        found = found.isel(time=[middle, -1])
+    else:
+        found = xr.concat([np.nan * found, found], "time")
     found = found.transpose("parameter", "time", ..., "member")
     values = np.where(part.status.values == 0, found.values, np.nan)
-    middle = int(np.abs(part.time.values - 0.5 * part.time.values[-1]).argmin())
     axis = one.measure.result.axis
     size = np.sqrt((values.reshape(*values.shape[:2], -1, values.shape[-1]) ** 2).sum(2))
     end = values[:, -1] if axis is None else values[:, -1, axis - 1]
-    return Rates(end, size[:, middle], size[:, -1])
+    return Rates(end, size[:, 0], size[:, 1])
 
 
 def reduce(batches: Batches, options: GradientOptions) -> xr.Dataset:
@@ -214,7 +218,7 @@ def reduce(batches: Batches, options: GradientOptions) -> xr.Dataset:
     steps: dict[str, int] = {}
     for part in map(with_ends, batches.results):
         if not asked:
-            asked = [asked_of(text, part.data_vars, False) for text in options.of]
+            asked = [asked_of(text, part.data_vars, scene, False) for text in options.of]
             wrt = options.wrt or tuple(map(str, part.parameter.values))
             names = expanded(scene, wrt)
             plan = ways(scene, asked, names, options.method)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from rigidmc.errors import OptionError, nearest
 from rigidmc.results.measures import Measure, Variables, measure
 from rigidmc.scene.derivative_names import parameter_names_of_derivatives
+from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.gradient.scores import (
     scores_of_noise,
@@ -17,17 +18,24 @@ ENDS = "_final", "_last"  # of names of observables at the end
 
 
 class Asked(NamedTuple):
-    """A measure, and the observable at the end that it uses; "" for other variables."""
+    """A measure, and the observable at the end or the result over all steps that it uses and by
+    which members have derivatives; "" for other variables."""
 
     measure: Measure
     observable: str
 
 
-def asked_of(text: str, variables: Variables, may_save_more: bool) -> Asked:
+def asked_of(text: str, variables: Variables, scene: Scene, may_save_more: bool) -> Asked:
     """Parse a measure; OptionError."""
     found = measure(text, variables, may_save_more)
-    base, _, end = found.result.name.rpartition("_")
-    return Asked(found, base if f"_{end}" in ENDS and f"{base}{ENDS[0]}" in variables else "")
+    name = found.result.name
+    base, _, end = name.rpartition("_")
+    if f"_{end}" in ENDS and base in make_recording(scene).names:
+        return Asked(found, base)
+    is_smooth = name in make_recording(scene).differentiable
+    return Asked(
+        found, name if is_smooth and not found.result.timed else ""
+    )  # times of events jump
 
 
 def ways(
@@ -63,7 +71,10 @@ def why_no_path(one: Asked) -> str:
     if one.measure.given is not None:
         return "members jump across the condition, which their derivatives miss"
     if not one.observable:
-        return f"{name} has no derivative of a member: use an observable at the end, as energy_last"
+        return (
+            f"{name} has no derivative of a member: use an observable at the end, as energy_last,"
+            " or over the steps, as energy_mean"
+        )
     return ""
 
 

@@ -20,7 +20,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError
-from rigidmc.physics.observables.saving import outputs_with_derivatives
 from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.results.measures import Measure
 from rigidmc.scene.derivative_names import parameter_names_of_derivatives
@@ -70,8 +69,7 @@ def poincare_constant(law: Any) -> float:
 def with_derivatives(scene: Scene, measures: Sequence[Measure]) -> Scene:
     """Return the scene that also differentiates its members by their uncertain parameters;
     OptionError for a measure without derivatives."""
-    monitored = make_recording(scene).monitored
-    able = {name for pair in monitored for name in outputs_with_derivatives(*pair)}
+    able = make_recording(scene).differentiable
     for one in measures:
         smooth = one.result.name in able and not one.result.timed  # times of events jump
         if one.kind != "mean" or one.given is not None or not smooth:
