@@ -160,16 +160,13 @@ def load_scene(
 
 def load_result(path: str, allow_code: bool = False) -> "xr.Dataset":
     """Open the Dataset of a result file or a run directory; FileError with advice for others."""
+    from rigidmc.files.kinds import another_kind
     from rigidmc.files.opening import is_zarr
     from rigidmc.files.stores import is_folder
     from rigidmc.scene.library import shipped_names
 
-    there = os.path.exists(path)
-    if (there and path.lower().endswith(".toml")) or (not there and path in shipped_names()):
-        rule = (
-            f"is a scene, not a result: run it first with `rigidmc run {path} -o RESULT.nc`, or"
-            f" watch it turn with `rigidmc view {path}`"
-        )
+    if not os.path.exists(path) and path in shipped_names():
+        rule = (another_kind("SCENE.toml", "result") or "").replace("SCENE.toml", path)
         raise FileError(rule, at="result", value=path)
     if is_folder(path) and not is_zarr(path):
         from rigidmc.runs.directory.dataset import open_run

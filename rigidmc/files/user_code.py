@@ -50,14 +50,17 @@ def class_of(folder: str, path: str, name: str, at: str) -> type[Any]:
         for word, value in vars(module).items()
         if isinstance(value, type) and value.__module__ == module.__name__
     }
-    found = classes.get(name) or {_plain(word): kind for word, kind in classes.items()}.get(
-        _plain(name)
-    )
+    found = classes.get(name) or class_named(name, classes.values())
     if found is None:
         rule = f"has no class {name}; it has {', '.join(classes) or 'none'}"
         close = nearest(name, list(classes))
         raise PartError(rule, at=f"{at}.module", value=path, nearest=close, source=file)
     return found
+
+
+def class_named(name: str, classes: Iterable[type[Any]]) -> type[Any] | None:
+    """Return the class with a name, or the same in snake_case; None without one."""
+    return {_plain(kind.__name__): kind for kind in classes}.get(_plain(name))
 
 
 def _plain(name: str) -> str:

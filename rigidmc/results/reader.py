@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import FileError, RigidmcError, SceneWarning, in_file
+from rigidmc.files.kinds import another_kind
 from rigidmc.files.netcdf import open_undecoded
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import shape
@@ -44,7 +45,12 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     """Open a result as a lazy Dataset; FileError if the file is not a result of rigidmc, see
     `rigidmc.results.reader`. Keeps variables that a user added."""
     path = os.fspath(path)
-    dataset = open_undecoded(path)
+    try:
+        dataset = open_undecoded(path)
+    except FileError:
+        if rule := another_kind(path, "result"):
+            raise FileError(rule, at="result", value=path) from None
+        raise
     try:
         with in_file(path):
             scene_text(dataset)

@@ -47,7 +47,7 @@ from rigidmc.scene.quantities import Varied
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
-from rigidmc.scene.user_parts.registry import user_parts_of
+from rigidmc.scene.user_parts.registry import CLASSES, remember_classes, user_parts_of
 from rigidmc.scene.validation import PILOT
 from rigidmc.scene.varied import close_varied, nominal_of, open_varied, stored_values, with_values
 
@@ -335,6 +335,7 @@ class PreparedRun:
         except BaseException:
             sink.discard()
             raise
+        dataset.encoding[CLASSES] = remember_classes(self.scene)
         dataset.encoding["rigidmc"] = {
             "run_seconds": time.perf_counter() - began,
             "flagged": flagged,

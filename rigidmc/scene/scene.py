@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
-from rigidmc.errors import SceneError, in_file
+from rigidmc.errors import FileError, RigidmcError, SceneError, in_file
+from rigidmc.files.kinds import another_kind
 from rigidmc.files.opening import is_zarr
 from rigidmc.scene.body import Body
 from rigidmc.scene.library import read_source
@@ -16,6 +17,7 @@ from rigidmc.scene.parts import Parts
 from rigidmc.scene.sampling import rows_to_run
 from rigidmc.scene.toml.read import Settings, locate_source, read_parts
 from rigidmc.scene.toml.write import dumps
+from rigidmc.scene.user_parts.registry import CLASSES, Classes, remembered_classes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -65,7 +67,15 @@ class Scene(Parts):
         if file.lower().endswith(".nc") or is_zarr(file):
             return scene_of(file, settings, allow_code)
         title = os.path.basename(file).removesuffix(".toml")
-        return loads(read_source(file), file, settings, title=title, allow_code=allow_code)
+        text = ""
+        try:
+            text = read_source(file)
+            return loads(text, file, settings, title=title, allow_code=allow_code)
+        except RigidmcError as error:
+            is_other = error.at in ("TOML", "file") and "[body" not in text
+            if is_other and (rule := another_kind(file, "scene")):
+                raise FileError(rule, at="scene", value=file) from None
+            raise
 
     @staticmethod
     def loads(text: str, file: str = "scene") -> "Scene":
@@ -152,7 +162,7 @@ def loads(
     settings: Settings = (),
     stored: Callable[[str], np.ndarray | None] | None = None,
     title: str = "scene",
-    allow_code: bool | None = False,
+    allow_code: bool | Classes | None = False,
 ) -> Scene:
     """Make a scene from TOML text; errors name `file`.
 
@@ -160,7 +170,7 @@ def loads(
         if the result has no rows of that name
     title : title of a scene that gives none
     allow_code : as for `Scene.load`; with None, code is neither run nor refused: placeholder
-        classes without physics replace it
+        classes without physics replace it; or the classes of the scene
     """
     with in_file(file):
         scene = Scene(**read_parts(text, file, settings, stored, title, allow_code))
@@ -175,7 +185,8 @@ def scene_of(
     """Return the scene of a result, given as a Dataset or a path, netCDF or zarr.
 
     A scene with one row per member gets these rows from the result. `settings` and `allow_code` are
-    as for `loads`; a Dataset opened with `allow_code` keeps it.
+    as for `loads`; a Dataset opened with `allow_code` keeps it, and one of this process has its
+    classes.
     """
     import xarray as xr  # takes half a second with netCDF4
 
@@ -186,8 +197,10 @@ def scene_of(
         # through xarray: netCDF4 1.7.5 crashes when it reopens a file that xarray has open
         with open_undecoded(os.fspath(source)) as dataset:
             return scene_of(dataset, settings, allow_code)
+    code: bool | Classes | None = allow_code
     if allow_code is False:
-        allow_code = bool(source.encoding.get("allow_code"))
+        known = remembered_classes(source.encoding.get(CLASSES, ""))
+        code = known or bool(source.encoding.get("allow_code"))
     file = source.encoding.get("source", "result")
     rows = stored_rows(source)
-    return loads(scene_text(source), file, settings, rows, allow_code=allow_code)
+    return loads(scene_text(source), file, settings, rows, allow_code=code)

@@ -14,11 +14,10 @@ import os
 from collections.abc import Mapping
 
 from rigidmc.errors import FileError, SceneError
+from rigidmc.files.kinds import TEXT, XML, another_kind
 from rigidmc.files.reading import MESHES, text_of
 from rigidmc.scene.body_files.rigid_parts import FoundBody
 
-XML = (".urdf", ".xml", ".mjcf", ".xacro")
-TEXT = (".txt",)
 SUFFIXES = (*XML, *TEXT, *MESHES)
 
 
@@ -42,7 +41,7 @@ def find_part(path: str, link: str | None, products: str | None, about: str | No
         refuse_options({"link": link}, "a text of mass properties has none")
         return read_cad_text(text_of(path, LARGEST), products, about, path)
     if suffix not in XML:
-        rule = f"its name must end in one of {', '.join(SUFFIXES)}"
+        rule = another_kind(path, "body") or f"its name must end in one of {', '.join(SUFFIXES)}"
         raise FileError(rule, at="body file", value=path)
     refuse_options({"products": products, "about": about}, "is for texts of mass properties only")
     from rigidmc.scene.body_files.xml_tree import read_xml
@@ -57,6 +56,8 @@ def find_part(path: str, link: str | None, products: str | None, about: str | No
 
         return read_mjcf(root, link, path)
     rule = "expected <robot>, as in URDF, or <mujoco>, as in MJCF"
+    if root.tag == "sdf":
+        rule = another_kind("model.sdf", "body") or rule
     raise FileError(rule, at="root element", value=root.tag, file=path)
 
 

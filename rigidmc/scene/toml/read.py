@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import FileError, PartError, SceneError, unknown
 from rigidmc.files.opening import is_zarr
 from rigidmc.files.reading import toml
-from rigidmc.files.user_code import source_of
+from rigidmc.files.user_code import class_named, source_of
 from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import EFFECTS
@@ -32,7 +32,7 @@ from rigidmc.scene.toml.values import (
     read_measured,
     read_quantity,
 )
-from rigidmc.scene.user_parts.registry import Code, load_user_class, make_stand_in
+from rigidmc.scene.user_parts.registry import Classes, Code, load_user_class, make_stand_in
 from rigidmc.units import list_text
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def read_parts(
     settings: Settings,
     stored: Callable[[str], np.ndarray | None] | None,
     title: str,
-    allow_code: bool | None,
+    allow_code: bool | Classes | None,
 ) -> dict[str, Any]:
     """Return the fields of the scene in a TOML text; see `rigidmc.scene.scene.loads`."""
     data = toml(text)
@@ -85,7 +85,7 @@ def read_parts(
     is_run = os.path.basename(file) == "scene.toml" and os.path.isfile(
         os.path.join(folder, "run.json")
     )
-    code = folder if allow_code else allow_code
+    code = folder if allow_code is True else allow_code
     columns = DataSources(stored, folder, code, stored is not None or is_run)
     for name in data:
         for inside, known in (("effects", EFFECTS), ("observables", {**WITH_TABLE, **WATCHED})):
@@ -286,12 +286,13 @@ def _kind(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code)
     if name in shipped:
         return shipped[name]
     one = {"effects": "effect", "observables": "observable with a table"}.get(kind, "integrator")
-    if not isinstance(table, dict) or "module" not in table:
+    is_known = isinstance(code, tuple) and class_named(name, code) is not None
+    if not isinstance(table, dict) or not ("module" in table or is_known):
         error = unknown(one, shipped or INTEGRATORS, at=kind, key=name)
         error.rule += f'; a custom {one.split()[0]} needs module = "file.py"'
         raise error
     at = f"{kind}.{name}"
-    found = load_user_class(name, table["module"], at, code)
+    found = load_user_class(name, table.get("module"), at, code)
     if found is None:
         return make_stand_in(kind, name, table)
     if not implements(found, "_fields"):

@@ -3,13 +3,14 @@
 A table gives the class by its own name, as in [effects.Wind], and the file by module = "wind.py".
 """
 
+import uuid
 from collections import namedtuple
 from collections.abc import Iterator
 from dataclasses import make_dataclass
 from typing import TYPE_CHECKING, Any
 
 from rigidmc.errors import SceneError
-from rigidmc.files.user_code import class_of, source_of
+from rigidmc.files.user_code import class_named, class_of, source_of
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.observables import is_own
 from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
@@ -18,7 +19,10 @@ from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 if TYPE_CHECKING:
     from rigidmc.scene.parts import Parts
 
-Code = str | bool | None
+Classes = tuple[type[Any], ...]
+CLASSES = "rigidmc_classes"  # key for them in the encoding of a result
+Code = str | bool | Classes | None
+_made_here: dict[str, Classes] = {}  # custom classes of the scenes that this process has run
 # attributes needed to open a result without running the code of a class: none of it is compiled
 _FACTS: dict[str, dict[str, Any]] = {
     "effects": {"torque": lambda self: 0.0, "energy": lambda self: 0.0},
@@ -40,8 +44,11 @@ def load_user_class(name: str, module: Any, at: str, code: Code) -> type[Any] | 
 
     at : the table, such as effects.Wind
     code : folder of the Python files that may be run; False if none may be run; None to return None
-        for the class, which a placeholder without physics then replaces
+        for the class, which a placeholder without physics then replaces; or the classes themselves,
+        of a result of this process
     """
+    if isinstance(code, tuple) and (found := class_named(name, code)):
+        return found
     if not isinstance(module, str):
         raise SceneError("expected the name of a Python file", at=f"{at}.module", value=module)
     if code is None:
@@ -53,6 +60,21 @@ def load_user_class(name: str, module: Any, at: str, code: Code) -> type[Any] | 
         )
         raise SceneError(rule, at=f"{at}.module", value=module)
     return class_of(code, module, name, at)
+
+
+def remember_classes(scene: "Parts") -> str:
+    """Keep the custom classes of a scene, and return the key by which a result of this process has
+    them; "" if there are none."""
+    classes = tuple(dict.fromkeys(type(part) for part in user_parts_of(scene)))
+    key = next((key for key, known in _made_here.items() if known == classes), uuid.uuid4().hex)
+    if classes:
+        _made_here[key] = classes
+    return key if classes else ""
+
+
+def remembered_classes(key: str) -> Classes:
+    """Return the classes of a key of `remember_classes`, () if another process gave it."""
+    return _made_here.get(key, ())
 
 
 def make_stand_in(kind: str, name: str, table: dict[str, Any]) -> type[Any]:
