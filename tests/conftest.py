@@ -115,7 +115,7 @@ def pytest_collection_modifyitems(items):
     # Tests of limits, sick starts and random scenes flag members on purpose. The warning itself is
     # tested by pytest.warns, to which this does not apply.
     flagged = pytest.mark.filterwarnings(
-        "ignore:.* flagged .* stands? still from:rigidmc.errors.SceneWarning"
+        "ignore:.* flagged .* keeps? the last good state:rigidmc.errors.SceneWarning"
     )
     for item in items:
         item.add_marker(flagged)

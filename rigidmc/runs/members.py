@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.arrays import as_plain_arrays
+from rigidmc.engine.kernel.block import ASSESS_INTERVAL
 from rigidmc.errors import SceneError
 from rigidmc.labelled import is_labelled
 from rigidmc.scene.amounts import count_text, read_count
@@ -90,8 +91,9 @@ def mostly_flagged(result: "xr.Dataset") -> str:
     who = f"all {members:,} members are" if count > 1 else "the member is"
     who = who if count == members else f"{count:,} of {members:,} members are"
     return (
-        f"{who} flagged ({kinds}) and stand{'s' * (members == 1)} still from {since} on: their"
-        " values are constant, not a motion; `status` and `status_time` show which and when"
+        f"{who} flagged ({kinds}) at {since} and keep{'s' * (members == 1)} the last good state, of"
+        f" at most {ASSESS_INTERVAL} steps before: values after it are constant, not a motion;"
+        " `status` and `status_time` show which and when"
     )
 
 

@@ -416,11 +416,10 @@ def test_python_in_five_lines():
     [
         ([np.nan, 0.5, np.nan], ""),  # estimates leave a minority out
         ([np.nan, 0.5], ""),
-        ([2.0, 0.5, np.nan], "2 of 3 members are flagged (1 energy_drift, 1 non_finite) and stand"
-         " still from 0.5 to 2 s on"),
-        ([0.0, 0.0], "all 2 members are flagged (1 energy_drift, 1 non_finite) and stand still from"
-         " 0 s on"),
-        ([0.5], "the member is flagged (1 non_finite) and stands still from 0.5 s on"),
+        ([2.0, 0.5, np.nan], "2 of 3 members are flagged (1 energy_drift, 1 non_finite) at"
+         " 0.5 to 2 s and keep the last good state, of at most 64 steps before"),
+        ([0.0, 0.0], "all 2 members are flagged (1 energy_drift, 1 non_finite) at 0 s and keep"),
+        ([0.5], "the member is flagged (1 non_finite) at 0.5 s and keeps the last good state"),
     ],
 )  # fmt: skip
 def test_a_run_says_if_most_members_stand_still(times, words):
