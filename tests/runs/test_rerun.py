@@ -1,6 +1,8 @@
 """A member of a result integrated again: equal to the bit, or refused."""
 
+import math
 import pkgutil
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -9,7 +11,9 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
+from rigidmc.physics.effects.protocol import Number, effect
 from rigidmc.scene.scene import scene_of
+from rigidmc.scene.user_parts.registry import CLASSES, remember_classes
 
 BODY = rm.Body.from_moments((rm.uniform(1.0, 1.2), 1.4, 2.0), mass=1.0, centre=(0.1, 0.0, 0.3))
 SCENE = rm.Scene(
@@ -167,3 +171,20 @@ def test_rows_of_a_member_that_is_there_twice_are_not_chosen():
     twice = xr.concat([ds, ds], "member", data_vars="minimal", coords="minimal", compat="override")
     with pytest.raises(rm.FileError, match="has member 0 more than once"):
         rm.simulate(scene_of(twice))
+
+
+def test_a_result_leads_to_the_classes_of_its_process():
+    @effect(units={"size": "N m"}, limits={"size": (0.0, math.inf)})
+    class Push(NamedTuple):
+        size: Number
+
+        def torque(self):
+            return self.size, 0.0, 0.0
+
+    scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), Push(1.0), rm.Start(omega=(0.0, 1.0, 0.0)))
+    result = xr.Dataset(coords={"member": [0]}, attrs={"scene": scene.dumps()})
+    with pytest.raises(rm.SceneError, match="module"):  # of another process
+        scene_of(result)
+    result.encoding[CLASSES] = key = remember_classes(scene)
+    assert key == remember_classes(scene) and not remember_classes(rm.Scene.load("heavy_top"))
+    assert type(scene_of(result.isel(member=[0])).effects[0]) is Push
