@@ -123,11 +123,12 @@ class Page(Directive):
             drawn(last)
         room = "../" * self.state.document.settings.env.docname.count("/")
         frame = (
+            # as high as its page, which tells its height, also from a file
+            "<script>window.framed ??= addEventListener('message', ({source, data}) => { for (const"
+            " frame of document.querySelectorAll('iframe')) if (frame.contentWindow === source &&"
+            " data.pageHeight) frame.style.height = data.pageHeight + 'px' }) ?? true</script>"
             f'<iframe src="{room}pages/{name}" title="{self.arguments[0]}" loading="lazy"'
-            ' style="width: 100%; height: 780px; border: 1px solid #ccc"'
-            # as high as its page, where the browser tells that: not from a file
-            ' onload="const body = this.contentDocument?.body; if (body) new ResizeObserver('
-            "() => { this.style.height = body.scrollHeight + 4 + 'px' }).observe(body)\"></iframe>"
+            ' style="width: 100%; height: 780px; border: 1px solid #ccc"></iframe>'
             f'<p><a href="{room}pages/{name}">the page alone</a></p>'
         )
         return [nodes.raw("", frame, format="html"), typed(self.content)]

@@ -21,7 +21,7 @@ from rigidmc.scene.shape import Shape, ShapePart, shape_of_mesh
 TONES = ("#9ecae1", "#2f6fa8", "#fdae6b", "#b5651d", "#d9d9d9", "#7a7a7a", "#1a1a1a")
 SIDE, CAP, HOLE = 0, 4, 6
 AROUND = 48  # corners of a circle, a multiple of 4
-THIN = 0.03  # drawn thickness of flat bodies, relative to radius or longest edge
+THIN = 0.03  # least drawn thickness of rods and flat bodies, relative to length, radius or edge
 
 Floats = NDArray[np.float64]
 
@@ -271,7 +271,7 @@ _MAKERS: dict[str, Callable[..., Surface]] = {
     "hollow_cylinder": _hollow_cylinder,
     "cone": lambda radius, height: revolve((0.0, 0.0), (radius, height), (0.0, height)),
     "ellipsoid": _stretched,
-    "rod": lambda length, radius: _cylinder(radius, length),
+    "rod": lambda length, radius: _cylinder(max(radius, 0.5 * THIN * length), length),
     "plate": lambda size: _box((*size, THIN * max(size))),
     "disc": lambda radius: _cylinder(radius, THIN * radius),
     "ring": lambda radius: _hollow_cylinder(

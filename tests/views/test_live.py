@@ -96,7 +96,7 @@ def test_a_page_has_the_bits_of_the_processor(browser, tmp_path):
     for name, value in values.items():
         page.evaluate(f"SLIDERS.find(s => s.name === '{name}').set({value})")
     assert moved(page, STEPS) == tuple(computed(with_parameters(TOP, values)))
-    saved = rm.Scene.loads(page.evaluate("scene()"))
+    saved = rm.Scene.loads(page.evaluate("savedScene().text"))
     assert moved(page, STEPS) == tuple(computed(saved))
     # a number with a distribution: the slider has the first member's, which is drawn
     first = page.evaluate("SLIDERS[2].value")
@@ -104,7 +104,7 @@ def test_a_page_has_the_bits_of_the_processor(browser, tmp_path):
     page.evaluate("SLIDERS[2].set(13.0)")
     top = with_parameters(TOP, values | {"start.omega.3": 13.0})
     assert moved(page, STEPS) == tuple(computed(top))
-    saved = rm.Scene.loads(page.evaluate("scene()"))
+    saved = rm.Scene.loads(page.evaluate("savedScene().text"))
     assert saved.start.omega[2].parameters == (25.0 - first, 0.5)
     page.evaluate("SLIDERS[2].set(SLIDERS[2].given)")
     assert "No mass distribution" not in page.inner_text("#note")
@@ -195,7 +195,7 @@ def test_a_page_is_used(browser, tmp_path):
     page.wait_for_function("state.samples.length > 5")
     page.click("#play")
     page.wait_for_function("!state.busy")
-    assert page.evaluate("state.others.length") == 9 * 20
+    assert page.evaluate("state.others.length") == 10 * 20
     page.click("#link")
     found = page.evaluate("location.hash")
     again = opened(browser, path, hash_=found)

@@ -5,7 +5,7 @@ function tick(now) {
   if (!state.playing) return;
   const passed = Math.min(0.1, (now - last) / 1000);   // a hidden page rests
   last = now;
-  if (!state.busy) state.time += state.speed * passed;
+  if (!state.busy && state.step * state.h > state.time - state.h) state.time += state.speed * passed;   // else the engine lags
   ask();
   draw();
   requestAnimationFrame(tick);
@@ -19,27 +19,49 @@ function play(on) {
 }
 function one() { play(false); state.time = (Math.floor(state.time / state.h + 1e-6) + 1) * state.h; ask(); draw(); }
 function speeds() {
-  const spin = spinOf(BLOCK);   // a body at rest moves by 60 steps a second
+  const spin = turnRateOf(BLOCK);   // a body at rest moves by 60 steps a second
   state.speed = listSpeeds(spin > 0 ? SHOWN_RATE / spin : 60 * DATA.h);
 }
+
+const shownValue = (slider, value) => `${nice(+(slider.shown * value).toPrecision(4))} ${slider.unit}`;
+function tell(words) { $("told").textContent = words; }
 
 function sliders() {
   $("sliders").replaceChildren(...SLIDERS.map(slider => {
     const label = html("label", { title: slider.name }, ""), out = html("output", {});
     const input = html("input", { type: "range", min: 0, max: 1000, step: 1, "aria-label": slider.name });
     label.append(html("span", {}, slider.label), input, out);
-    const show = () => { out.textContent = `${nice(+(slider.shown * slider.value).toPrecision(4))} ${slider.unit}`; };
+    const show = () => { out.textContent = shownValue(slider, slider.value); };
     slider.set = value => {
       slider.value = value;
+      slider.low = Math.min(slider.low, value); slider.high = Math.max(slider.high, value);
       input.value = Math.round(1000 * (value - slider.low) / (slider.high - slider.low));
       show();
     };
+    // a slider has 1,000 places. With Shift, or `fine`, it moves by a tenth of the way from where that began
+    const at = place => slider.low + (slider.high - slider.low) * place / 1000;
+    let shift = false, from = null;
+    const move = (value, digits) => { slider.value = +value.toPrecision(digits); show(); begin(); };
     input.addEventListener("input", () => {
-      slider.value = +(slider.low + (slider.high - slider.low) * input.value / 1000).toPrecision(4);
-      show(); begin();
+      const place = Number(input.value);
+      if (!shift && !$("fine").checked) { from = null; return move(at(place), 4); }
+      from ??= { place, value: slider.value };
+      move(clamp(from.value + 0.1 * (at(place) - at(from.place)), slider.low, slider.high), 6);
+    });
+    for (const kind of ["pointerdown", "pointermove"]) input.addEventListener(kind, event => {
+      if (kind === "pointerdown" || shift !== event.shiftKey) from = null;
+      shift = event.shiftKey;
+    });
+    input.addEventListener("keydown", event => {
+      const way = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 }[event.key];
+      if (!way) return;
+      event.preventDefault();
+      const step = (slider.high - slider.low) / (event.shiftKey || $("fine").checked ? 1e4 : 1e3);
+      slider.set(+clamp(slider.value + way * step, slider.low, slider.high).toPrecision(6));
+      begin();
     });
     // after the mouse the keys are the page's again
-    input.addEventListener("pointerup", () => input.blur());
+    input.addEventListener("pointerup", () => { slider.set(slider.value); input.blur(); });
     slider.set(slider.value);
     return label;
   }));
@@ -56,25 +78,26 @@ function hash() {
 const PICKED = ["space", "inside", "quantity", "phase", "members", "speed"];
 function restore() {
   let time = 0;
+  const bad = [], told = text => text.slice(0, 40);   // of other people's links
   for (const [name, text] of new URLSearchParams(location.hash.slice(1))) {
-    const slider = SLIDERS.find(s => s.name === name), number = Number(text);
-    if (slider && isFinite(number)) slider.set(clamp(number, Math.min(slider.low, slider.given), Math.max(slider.high, slider.given)));
-    else if (PICKED.includes(name) && [...$(name).options].some(o => o.value === text)) $(name).value = text;
-    else if (name === "t" && number > 0) time = number;
+    const slider = SLIDERS.find(s => s.name === name), number = text.trim() ? Number(text) : NaN;
+    if (slider && isFinite(number)) {
+      const value = clamp(number, Math.min(slider.low, slider.given), Math.max(slider.high, slider.given));
+      if (value !== number) bad.push(`${name} = ${told(text)} is beyond its slider: set to ${nice(value)}`);
+      slider.set(value);
+    } else if (PICKED.includes(name) && [...$(name).options].some(o => o.value === text)) $(name).value = text;
+    else if (name === "t" && number >= 0 && isFinite(number)) time = number;
+    else bad.push(slider || PICKED.includes(name) || name === "t" ? `${name} = ${told(text)} is not possible here` : `this page has no ${told(name)}`);
   }
   state.members = Number($("members").value);
-  return time;
-}
-// the scene with the sliders' values, in the words of Python: they stand where the marks are
-function scene() {
-  const kept = SLIDERS.filter(s => isMoved(s) && !Object.keys(s.marks).length);
-  const notes = kept.map(s => `# ${s.name}: the page moved it by ${nice(+(s.value - s.given).toPrecision(4))}, this file does not\n`);
-  const text = SLIDERS.flatMap(s => Object.entries(s.marks).map(([mark, own]) => [mark, moved(s, own)]))
-    .reduce((text, [mark, value]) => text.replaceAll(mark, String(value)), DATA.scene);
-  return notes.join("") + text;
+  return { time, told: bad.length ? `The link is not that of this page: ${bad.join("; ")}.` : "" };
 }
 function download() {
-  const link = html("a", { href: URL.createObjectURL(new Blob([scene()], { type: "application/toml" })), download: `${DATA.source}.toml` });
+  const { text, lost } = savedScene(), moved = lost.map(s => `${s.label}, moved by ${shownValue(s, s.value - s.given)}`);
+  if (state.why) return tell(`This motion cannot be saved as a scene. ${state.why}`);
+  if (!text) return tell("This motion cannot be saved as a scene: its members come from the rows of a table. One member can be saved.");
+  tell(lost.length ? `The saved scene leaves out ${moved.join("; ")}: no distribution in a file says it.${DATA.isIndependent ? " With one member the file has the number." : ""}` : "");
+  const link = html("a", { href: URL.createObjectURL(new Blob([text], { type: "application/toml" })), download: `${DATA.source}.toml` });
   link.click();
   URL.revokeObjectURL(link.href);
 }
@@ -98,12 +121,19 @@ function start() {
   charts = { motion: new Chart($("motion")), portrait: new Chart($("portrait")), drift: new Chart($("drift")) };
   sliders();
   speeds();
-  const time = restore();
+  const { time, told } = restore();
   state.speed = Number($("speed").value);
   $("members").onchange = event => { state.members = Number(event.target.value); begin(); };
   $("speed").onchange = event => { state.speed = Number(event.target.value); };
-  $("trace").onchange = () => draw();
-  $("trace").onpointerup = () => $("trace").blur();
+  for (const box of document.querySelectorAll("#controls input")) {
+    box.onchange = () => draw();
+    box.onpointerup = () => box.blur();
+  }
+  $("torque").hidden = DATA.isFree;
+  const isTop = DATA.gravity !== null && topOf()?.spin, has = (kind, place) => byPlace(kind, place) !== undefined;
+  const words = isTop && has("spin", 0) && has("spin", 1) ? [...Object.keys(PRESETS), ...(has("spin", 2) && has("angle", 1) ? ["sleeping"] : [])] : [];
+  $("presets").replaceChildren(...words.map(word => html("button", { type: "button" }, word)));
+  for (const button of $("presets").children) button.onclick = () => setPreset(button.textContent);
   $("play").onclick = () => play(!state.playing);
   $("on").onclick = one;
   $("again").onclick = () => begin();
@@ -118,12 +148,13 @@ function start() {
   onResize(draw);
   followTheme(draw);
   begin(time);
+  if (told) tell(told);
   try {
     worker = new Worker(URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" })));
     worker.onmessage = receive;
     worker.onerror = event => fail(event.message);
-    const { fast, exact, image, ...about } = DATA.engine;
-    worker.postMessage({ about, fast: bytes(fast), exact: bytes(exact), image: bytes(image) });
+    const { variants, ...about } = DATA.engine;
+    worker.postMessage({ about, variants: variants.map(v => ({ ...v, fast: bytes(v.fast), exact: bytes(v.exact), image: bytes(v.image) })) });
   } catch (error) {
     fail(String(error));
   }

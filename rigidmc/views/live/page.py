@@ -1,22 +1,27 @@
 """A page that computes: body and momentum turn while the reader moves the scene's numbers."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Any
 
 import numpy as np
 
+from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError, SceneWarning
 from rigidmc.files.outputs import refuse_existing, write_bytes
-from rigidmc.mechanics.euler_angles import PROPER, axes_of
-from rigidmc.results.labels import count_text
+from rigidmc.mechanics.euler_angles import PROPER, TEXTBOOK, axes_of
+from rigidmc.physics.effects import label_effects, shared_parameters
+from rigidmc.physics.effects.gravity import Gravity
+from rigidmc.physics.effects.protocol import is_random, shape
+from rigidmc.scene.quantities import is_variable
 from rigidmc.scene.recording import conservation
 from rigidmc.scene.scene import Scene, as_scene
 from rigidmc.views.html_page import Page, page_text, pulls_data, shape_data, tones_data
-from rigidmc.views.live.engine import doubles, engine_data, live_run
-from rigidmc.views.live.sliders import Range, Slider, make_sliders, template
+from rigidmc.views.live.engine import SAVED, doubles, engine_data, even_end, live_run
+from rigidmc.views.live.saving import saving_data, texts
+from rigidmc.views.live.sliders import Range, Slider, make_sliders
 from rigidmc.views.surfaces import drawn_shape, ellipsoid_form, surface_of
 
 MOST = 1000  # members of a page: 1,000 rows of 45 numbers are 360 kB
@@ -92,34 +97,47 @@ def _text(scene: Scene, asked: Mapping[str, Range | None] | None, members: int) 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # of a run, which this is not
         prepared = live_run(scene, members)
-        found = prepared.run
-        sliders = make_sliders(found.scene, prepared.start, asked)
-        text, marks = template(scene, sliders)
+        moving = prepared.run.scene
+        sliders = make_sliders(moving, prepared.start, asked)
         engine = engine_data(prepared, members)
-    run, model = found.plan.run, found.scene.model
+        moved = [_slider(one) | saving_data(prepared, one) for one in sliders]
+    plan, model = prepared.run.plan, moving.model
     kept = conservation(model.effects, False)
+    saved = moving.with_run(save=tuple(dict.fromkeys((*SAVED, *scene.run.save))))
     data = {
         "engine": engine,
         "block": doubles(prepared.block),
-        "start": _start(found.scene, prepared.start),
+        "start": _start(moving, prepared.start),
+        "isIndependent": plan.run.points == "independent",
+        "isBodyDrawn": is_variable(model.body.moments),
         "omega": model.start.spin_name == "omega",
         "sequence": _sequence(model.start.sequence),
-        "sliders": [_slider(one, marks[one.name]) for one in sliders],
-        "scene": text,
+        "sliders": moved,
+        "sums": _sums(model.effects),
+        "scene": texts(saved.with_run(t_end=even_end(prepared.run)), sliders),
         "source": scene.title or "scene",
-        "integrator": run.integrator,
-        "h": found.plan.grid.dt,
-        "shape": _shape(found.scene, prepared.start),
+        "integrator": plan.run.integrator,
+        "h": plan.grid.dt,
+        "shape": _shape(moving, prepared.start),
         "tones": tones_data(),
-        "pulls": pulls_data(found.scene.effects),
+        "pulls": pulls_data(moving.effects),
         "isFree": not model.effects,
+        "isRandom": any(map(is_random, model.effects)),
+        "gravity": layout.EFFECTS if _is_top(moving) else None,
+        "end": scene.run.t_end,
         "conserved": [kept[name] == "yes" for name in ("energy_drift", "l2")],
         "statuses": STATUSES,
     }
-    scripts = ("live.js", "controls.js")
-    return page_text(
-        str(__package__), "live", scene.title or "scene", _about(scene, members), data, scripts
-    )
+    scripts = ("start.js", "live.js", "pictures.js", "tops.js", "controls.js")
+    return page_text(str(__package__), "live", scene.title or "scene", _about(scene), data, scripts)
+
+
+def _is_top(scene: Scene) -> bool:
+    """Return whether Euler angles and a spin start a body on which gravity alone acts: a heavy top,
+    if its moments and centre are those of one."""
+    start, is_heavy = scene.model.start, [type(one) for one in scene.model.effects] == [Gravity]
+    angles = start.has_euler_angles and start.sequence == TEXTBOOK
+    return is_heavy and angles and not scene.model.body.is_turned
 
 
 def _start(scene: Scene, start: Mapping[str, Any]) -> dict[str, str]:
@@ -137,9 +155,23 @@ def _sequence(sequence: str) -> dict[str, Any]:
     return {"axes": axes, "sign": sign, "proper": sequence in PROPER}
 
 
-def _slider(slider: Slider, marks: Mapping[str, float]) -> dict[str, Any]:
-    known = slider._asdict() | {"shared": slider.is_shared, "marks": marks}
-    return {name: value for name, value in known.items() if name not in ("is_shared", "source")}
+def _slider(slider: Slider) -> dict[str, Any]:
+    known = slider._asdict() | {"shared": slider.is_shared}
+    left = "is_shared", "source", "array", "component"
+    return {name: value for name, value in known.items() if name not in left}
+
+
+def _sums(effects: Sequence[Any]) -> list[tuple[int, list[int]]]:
+    """Return (row, the rows it is the sum of) of each number that effects share."""
+    rows, row = dict[str, range](), layout.EFFECTS
+    for label, effect in label_effects(effects):
+        for field in effect._fields:
+            rows[f"{label}_{field}"] = range(row, row := row + (shape(effect, field) or 1))
+    return [
+        (at, [rows[source][k] for source in sources])
+        for name, sources in shared_parameters(effects).items()
+        for k, at in enumerate(rows[name])
+    ]
 
 
 def _shape(scene: Scene, start: Mapping[str, Any]) -> dict[str, Any]:
@@ -157,7 +189,7 @@ def _shape(scene: Scene, start: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _about(scene: Scene, members: int) -> str:
+def _about(scene: Scene) -> str:
     """Describe the page in one line."""
-    effects = ", ".join(type(effect).__name__ for effect in scene.effects) or "no torque"
-    return f"{count_text(members, 'member')}, {effects}. {scene.summary}".rstrip()
+    effects = ", ".join(type(effect).__name__ for effect in scene.effects) or "No torque"
+    return f"{effects}. {scene.summary}".rstrip()

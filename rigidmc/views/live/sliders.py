@@ -1,7 +1,7 @@
 """The sliders of a live page: which numbers of a scene they move, and how far."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,12 +11,9 @@ from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, SceneError, unknown
 from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.mechanics.solids import SOLIDS
-from rigidmc.physics.effects import label_effects, shared_parameters
-from rigidmc.physics.effects.protocol import facts, shape
+from rigidmc.physics.effects import label_effects
+from rigidmc.physics.effects.protocol import facts, shape, user_parameters
 from rigidmc.planning.orbit_start import relative_to_orbit
-from rigidmc.scene.body import Body
-from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.parameters import with_parameter
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.stated import Stated, refused_numbers
@@ -39,6 +36,8 @@ class Slider(NamedTuple):
     given, low, high : the number of the first member, which the page draws, and the ends
     source : what the scene has: a number or a distribution
     is_shared : whether all members have this number
+    usual : whether the ends are the page's own choice
+    array, component : where the numbers that members are built from have it
     """
 
     name: str
@@ -53,6 +52,14 @@ class Slider(NamedTuple):
     high: float
     source: Any
     is_shared: bool
+    array: str
+    component: int
+    usual: bool = True
+
+    def numbers(self, start: Mapping[str, Floats]) -> Floats:
+        """Return the numbers of members, from those they are built from."""
+        values: Floats = np.atleast_2d(start[self.array])[self.component]
+        return values
 
 
 def make_sliders(
@@ -110,7 +117,7 @@ def _between(slider: Slider, low: float, high: float) -> Slider:
     if not low <= slider.given <= high:
         rule = f"the page begins at {slider.given:.6g}, which must lie between the ends"
         raise OptionError(rule, at=f"slider.{slider.name}", value=f"{low:g}:{high:g}")
-    return slider._replace(low=low, high=high)
+    return slider._replace(low=low, high=high, usual=False)
 
 
 def _is_usual(name: str) -> bool:
@@ -151,7 +158,8 @@ def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
     word = model.start.spin_name
     spin = float(np.abs(start[f"start_{word}"]).max())
 
-    def add(name: str, label: str, kind: str, place: int, values: Floats, source: Any) -> None:
+    def add(name: str, label: str, kind: str, place: int, at: tuple[str, int], source: Any) -> None:
+        values = np.atleast_2d(start[at[0]])[at[1]]
         own, unit, by = bool((values == values[0]).all()), _units(scene, name), 1.0
         if unit == "rad":
             unit, by = "°", 180.0 / math.pi
@@ -161,42 +169,39 @@ def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
             low, high = _possible(start, place, given, low, high)
         row = place if kind == "effect" else 0
         is_one = own and is_shared(source)
-        made.append(
-            Slider(name, label, unit, by, kind, place, row, given, low, high, source, is_one)
-        )
+        ends = given, low, high
+        made.append(Slider(name, label, unit, by, kind, place, row, *ends, source, is_one, *at))
 
     if "body." not in refused:
         for k in range(3):
-            moments, source = start["moments"][k], _of_vector(model.body.moments, k)
-            add(f"body.moments.{k + 1}", f"I{_INDICES[k]}", "moments", k, moments, source)
-        add("body.mass", "mass", "mass", 0, start["mass"].reshape(-1), model.body.mass)
+            source = _of_vector(model.body.moments, k)
+            add(f"body.moments.{k + 1}", f"I{_INDICES[k]}", "moments", k, ("moments", k), source)
+        add("body.mass", "mass", "mass", 0, ("mass", 0), model.body.mass)
         for k in range(3):
-            centre, source = start["centre"][k], _of_vector(model.body.centre, k)
-            add(f"body.centre.{k + 1}", f"centre{_INDICES[k]}", "centre", k, centre, source)
+            source = _of_vector(model.body.centre, k)
+            add(f"body.centre.{k + 1}", f"centre{_INDICES[k]}", "centre", k, ("centre", k), source)
     if not any(f"start.{word}".startswith(part) for part in refused if part != "body."):
         letter = "ω" if word == "omega" else "L"
-        for k, given in enumerate(getattr(model.start, word)):
-            values = start[f"start_{word}"][k]
-            add(f"start.{word}.{k + 1}", f"{letter}{_INDICES[k]}(0)", "spin", k, values, given)
+        for k, source in enumerate(getattr(model.start, word)):
+            label = f"{letter}{_INDICES[k]}(0)"
+            add(f"start.{word}.{k + 1}", label, "spin", k, (f"start_{word}", k), source)
     if "start_euler" in start and not any("start.attitude".startswith(p) for p in refused):
         for k, angle in enumerate(angle_names(model.start.sequence)):
-            label, values = f"{_LETTERS.get(angle, angle)}(0)", start["start_euler"][k]
-            given = model.start.attitude[k]
-            add(f"start.attitude.{angle}", label, "angle", k, values, given)
-    summed, row = shared_parameters(model.effects), layout.EFFECTS
+            label, source = f"{_LETTERS.get(angle, angle)}(0)", model.start.attitude[k]
+            add(f"start.attitude.{angle}", label, "angle", k, ("start_euler", k), source)
+    row = layout.EFFECTS
     for label, effect in label_effects(model.effects):
         for field, value in zip(effect._fields, effect, strict=True):
             count = shape(effect, field)
             turned = model.body.is_turned and field in facts(effect).in_body
             for k in range(count or 1):
                 name = f"effects.{label}.{field}" + (f".{k + 1}" if count else "")
-                values = np.atleast_2d(start[f"{label}_{field}"])[k]
                 one = value[k] if count and isinstance(value, tuple) else value
-                if f"{label}_{field}" not in summed and not turned:
+                if field in user_parameters(effect) and not turned:
                     words = (
                         f"{field}{_INDICES[k] if count and count <= 3 else k + 1 if count else ''}"
                     )
-                    add(name, words, "effect", row, values, one)
+                    add(name, words, "effect", row, (f"{label}_{field}", k), one)
                 row += 1
     return [slider for slider in made if slider.name not in refused]
 
@@ -239,65 +244,3 @@ def _possible(
     least = given + float((np.abs(one - two) * (1.0 + 1e-3) - own[k]).max())
     most = given + float(((one + two) * (1.0 - 1e-3) - own[k]).min())
     return min(given, max(low, least)), max(given, min(high, most))
-
-
-def template(scene: Scene, sliders: Sequence[Slider]) -> tuple[str, dict[str, dict[str, float]]]:
-    """Return (the scene as TOML, {slider: {mark: number}}).
-
-    Marks stand in the place of numbers that move with a slider. A distribution moves as a whole; a
-    slider whose number cannot be written so has no marks.
-    """
-    if any(slider.kind in ("moments", "mass", "centre") for slider in sliders):
-        scene = _with_moments(scene)
-    marks: dict[str, dict[str, float]] = {slider.name: {} for slider in sliders}
-    numbers = dict[str, str]()
-    for k, slider in enumerate(sliders):
-        own = (slider.given,) if slider.is_shared else _location(slider.source)
-        # changed in the tenth digit, so that no other number of the text is equal
-        unique = [
-            x * (1.0 + 1e-9 * (2 * k + i + 1)) if x else 1e-9 * (2 * k + i + 1)
-            for i, x in enumerate(own)
-        ]
-        if not own:
-            continue
-        value = unique[0] if slider.is_shared else _moved(slider.source, unique)
-        try:
-            changed = with_parameter(scene, slider.name, value)
-        except SceneError:  # the number has no name of its own in this scene
-            continue
-        if all(repr(one) in changed.dumps() for one in unique):
-            scene = changed
-            for one, x in zip(unique, own, strict=True):
-                mark = f"@{len(numbers)}@"
-                numbers[repr(one)] = mark
-                marks[slider.name][mark] = x
-    text = scene.dumps()
-    for number, mark in numbers.items():
-        text = text.replace(number, mark)
-    return text, marks
-
-
-def _location(source: Any) -> tuple[float, ...]:
-    """Return the parameters by which a distribution moves; () if there are none."""
-    if type(source) is not Distribution:
-        return ()
-    if source.uses_scipy:
-        return (float(dict(source.parameters).get("loc", 0.0)),)
-    return source.parameters[:1] if source.name == "normal" else source.parameters
-
-
-def _moved(source: Distribution, location: Sequence[float]) -> Distribution:
-    """Return a distribution at another location, as `_location` gives it."""
-    if source.uses_scipy:
-        parameters = tuple((dict(source.parameters) | {"loc": location[0]}).items())
-        return Distribution(source.name, parameters)
-    return Distribution(source.name, (*location, *source.parameters[len(location) :]))
-
-
-def _with_moments(scene: Scene) -> Scene:
-    """Return a scene whose body is given by moments, mass and centre."""
-    body = scene.body
-    if not body.shape or body.is_turned:
-        return scene
-    own = Body(body.moments, mass=body.mass, centre=body.to_principal(body.centre))
-    return scene.with_model(scene.model._replace(body=own))

@@ -1,8 +1,10 @@
 "use strict";
 // The engine: members in WebAssembly. A message { to, from, count, members } moves the first members to step
-// `to` with `count` saves on the way; { rows } starts again. The answer holds the saves.
+// `to` with `count` saves on the way; { rows } starts again. The answer holds the saves, as far as 200 ms reach.
 const FOREVER = 2 ** 40;   // steps of a run that the reader ends
-let engine = null;
+const PATIENCE = 200;      // ms after which an answer holds the steps made so far, so that the page can ask for others
+const PIECE = 1e5;         // steps of all members between two looks at the clock: 30 ms for an rk4 top
+let engines = [], engine = null;   // one for each form of the integrator
 
 async function whole(bytes) {
   return new Uint8Array(await new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).arrayBuffer());
@@ -13,9 +15,9 @@ async function instance(bytes, memory, stack) {
 }
 
 class Engine {
-  static async load({ about, fast, exact, image }) {
+  static async load(about, { fast, exact, image, ...places }) {
     const made = new Engine();
-    Object.assign(made, about);
+    Object.assign(made, about, places);
     const content = await whole(image), pages = Math.ceil((about.stack + content.length) / 65536);
     made.memory = new WebAssembly.Memory({ initial: pages });
     new Uint8Array(made.memory.buffer).set(content, about.stack);
@@ -50,32 +52,40 @@ class Engine {
     this.step = to;
     return this.numbers(this.out + each, this.values * this.width);
   }
-  // saves [count][values][members] at steps spread evenly up to `to`; none lies before the next step
+  // saves [count][values] of the first member at steps spread evenly up to `to`, and of all members at the last one. None
+  // lies before the next step, but the start is among them. A long way ends early.
   move({ to, count, members }) {
-    const from = this.step, many = Math.max(1, Math.min(count, to - from));
-    const saves = new Float64Array(many * this.values * members), steps = [];
-    for (let k = 0; k < many; k++) {
-      const step = Math.round(from + (to - from) * (k + 1) / many), found = this.advance(step, members);
-      for (let i = 0; i < this.values; i++)
-        saves.set(found.subarray(i * this.width, i * this.width + members), (k * this.values + i) * members);
-      steps.push(step);
+    const from = this.step, many = Math.max(1, Math.min(count, to - from)), piece = Math.ceil(PIECE / members), end = performance.now() + PATIENCE;
+    const saves = [], steps = [], save = (found, step) => { for (let i = 0; i < this.values; i++) saves.push(found[i * this.width]); steps.push(step); };
+    let last;
+    for (let k = 1, late = false; k <= many && !late; k++) {
+      const goal = Math.round(from + (to - from) * k / many);
+      do {
+        const began = this.step;
+        last = this.advance(Math.min(goal, began + piece), members);
+        if (began === 0) save(this.numbers(this.out, this.values * this.width), 0);
+        late = performance.now() >= end;
+      } while (this.step < goal && !late);
+      save(last, this.step);
     }
+    const all = new Float64Array(this.values * members);
+    for (let i = 0; i < this.values; i++) all.set(last.subarray(i * this.width, i * this.width + members), i * members);
     const status = this.numbers(this.block + 8 * this.status * this.width, members).slice();
-    return { saves, steps, status };
+    return { saves: Float64Array.from(saves), steps, all, status };
   }
 }
 
 self.onmessage = async ({ data }) => {
-  if (data.image) {
+  if (data.variants) {
     try {
-      engine = await Engine.load(data);
-      self.postMessage({ ready: true, fused: engine.fused });
+      engines = await Promise.all(data.variants.map(variant => Engine.load(data.about, variant)));
+      self.postMessage({ ready: true, fused: engines[0].fused });
     } catch (error) {
       self.postMessage({ failed: String(error) });
     }
     return;
   }
-  if (data.rows) engine.begin(data);
+  if (data.rows) { engine = engines[data.form]; engine.begin(data); }
   const began = performance.now(), found = engine.move(data);
-  self.postMessage({ ...found, run: data.run, busy: performance.now() - began }, [found.saves.buffer]);
+  self.postMessage({ ...found, run: data.run, isLong: data.isLong, busy: performance.now() - began }, [found.saves.buffer, found.all.buffer]);
 };

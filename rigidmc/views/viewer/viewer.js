@@ -58,7 +58,7 @@ const QUANTITIES = {
 function quantity() {
   const m = member(), key = $("quantity").value, [, upward, names, of] = QUANTITIES[key];
   const t = Array.from({ length: m.frames }, (_, i) => m.end * i / (m.frames - 1 || 1)), found = t.map((_, i) => of(m, i));
-  const series = names.map((_, k) => ({ x: t, y: found.map(one => one[k]) }));
+  const series = names.map((name, k) => ({ name, x: t, y: found.map(one => one[k]) }));
   if (key === "euler") for (const { y } of series)
     for (let i = 1; i < y.length; i++) y[i] -= 360 * Math.round((y[i] - y[i - 1]) / 360);
   charts.motion.draw({ series, across: "time [s]", upward });
@@ -67,8 +67,8 @@ function quantity() {
 function drifts() {
   const { drift } = member();
   if (!drift) return;
-  const log = key => ({ x: drift.t, y: Array.from(drift[key], v => Math.log10(Math.max(Math.abs(v), 1e-17))) });
-  charts.drift.draw({ series: [log("energy_drift"), log("l2_drift")], across: "time [s]", upward: "relative drift", log: true });
+  const log = (name, key) => ({ name, x: drift.t, y: Array.from(drift[key], v => Math.log10(Math.max(Math.abs(v), 1e-17))) });
+  charts.drift.draw({ series: [log("energy", "energy_drift"), log("|L|²", "l2_drift")], across: "time [s]", upward: "relative drift", log: true });
   const kept = key => drift.conserved[key].startsWith("no") ? " (not conserved here)" : "";
   legend("drifts", ["energy" + kept("energy_drift"), "|L|²" + kept("l2_drift")]);
 }

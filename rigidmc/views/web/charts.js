@@ -15,8 +15,19 @@ function legend(id, names) {
   $(id).replaceChildren(...names.map((name, k) => html("b", { style: `color:var(${COLOURS[k]})` }, `${["—", "– –", "···"][k]} ${name}`)));
 }
 class Chart extends Canvas {
-  // series: [{x, y}] of equal lengths; log: y are exponents of 10; dots: one at the end
-  draw({ series, across, upward, log = false, dots = false }) {
+  constructor(node) {
+    super(node);
+    const point = event => {
+      const { left, top } = node.getBoundingClientRect();
+      this.pointer = event && [event.clientX - left, event.clientY - top];
+      if (this.drawn) this.draw(this.drawn);
+    };
+    node.addEventListener("pointermove", point);
+    for (const end of ["pointerleave", "pointercancel"]) node.addEventListener(end, () => point(null));
+  }
+  // series: [{x, y, name}] of equal lengths; log: y are exponents of 10; dots: one at the end of a curve in the plane
+  draw(drawn) {
+    const { series, across, upward, log = false, dots = false } = this.drawn = drawn;
     this.clear();
     const { pen, width, height } = this;
     const box = { right: width - 12, top: 10, bottom: height - 36 };
@@ -66,7 +77,28 @@ class Chart extends Canvas {
     });
     pen.setLineDash([]);
     pen.restore();
-  }  // a line at time t, in an element of its own, whose motion repaints nothing
+    if (this.pointer) this.readOut(px, py);
+  }
+  // the values nearest to the pointer: at its place across, or of a curve in the plane at the nearest point
+  readOut(px, py) {
+    const { pen, pointer: [u, v], box, drawn: { series, log, dots, across, upward } } = this, [{ x, y }] = series;
+    if (!x.length || u < box.left || u > box.right) return;
+    const far = i => dots ? Math.hypot(px(x[i]) - u, py(y[i]) - v) : Math.abs(px(x[i]) - u);
+    let near = 0;
+    for (let i = 1; i < x.length; i++) if (far(i) < far(near)) near = i;
+    const digits = value => nice(+value.toPrecision(5)), unit = words => words.replace(/^.*\[/, " [").replace(/^[^[]*$/, "");
+    const values = series.map(({ y, name }) => `${name ?? upward.replace(/ ?\[.*/, "")} ${digits(log ? 10 ** y[near] : y[near])}${unit(upward).replace(/[[\]]/g, "")}`);
+    const words = [`${across.replace(/ ?\[.*/, "")} ${digits(x[near])}${unit(across).replace(/[[\]]/g, "")}`, ...values].join(",  ");
+    pen.strokeStyle = pen.fillStyle = colour("--ink"); pen.lineWidth = 1;
+    pen.beginPath();
+    if (!dots) { pen.moveTo(px(x[near]), box.top); pen.lineTo(px(x[near]), box.bottom); pen.stroke(); }
+    for (const s of series) { pen.beginPath(); pen.arc(px(s.x[near]), py(s.y[near]), 3.5, 0, 7); pen.fill(); }
+    pen.font = "12px system-ui, sans-serif"; pen.textAlign = "left"; pen.textBaseline = "top";
+    const wide = pen.measureText(words).width, from = clamp(u - wide / 2, box.left, Math.max(box.left, box.right - wide));
+    pen.fillStyle = colour("--paper"); pen.globalAlpha = 0.85; pen.fillRect(from - 3, box.top, wide + 6, 17); pen.globalAlpha = 1;
+    pen.fillStyle = colour("--ink"); pen.fillText(words, from, box.top + 2);
+  }
+  // a line at time t, in an element of its own, whose motion repaints nothing
   cursor(t) {
     const { left, right, top, bottom } = this.box, line = this.node.nextElementSibling.style;
     line.top = `${this.node.offsetTop + top}px`; line.height = `${bottom - top}px`;

@@ -20,7 +20,7 @@ function listSpeeds(wanted) {
   for (let p = -6; p <= 6; p++) for (const s of [1, 2, 5]) list.push(+(s * 10 ** p).toPrecision(1));
   const near = list.reduce((a, b) => Math.abs(Math.log(b / wanted)) < Math.abs(Math.log(a / wanted)) ? b : a);
   const at = list.indexOf(near);
-  $("speed").replaceChildren(...list.slice(Math.max(0, at - 6), at + 8).map(s => html("option", { value: s }, `× ${s}`)));
+  $("speed").replaceChildren(...list.slice(Math.max(0, at - 6), at + 8).map(s => html("option", { value: s }, `× ${nice(s)}`)));
   $("speed").value = near;
   return near;
 }
@@ -44,7 +44,9 @@ function onKeys(keys, isNative = () => false) {
     keys[event.key]();
   });
 }
+// draw when the window changes; a page in a frame tells the page around it how high it is
 function onResize(draw) {
+  if (parent !== window) new ResizeObserver(() => parent.postMessage({ pageHeight: document.documentElement.offsetHeight + 4 }, "*")).observe(document.body);
   let waiting;
   addEventListener("resize", () => { clearTimeout(waiting); waiting = setTimeout(draw, 100); });
 }

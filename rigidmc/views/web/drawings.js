@@ -4,8 +4,9 @@ const AXIS = ["--one", "--two", "--three"];
 const TRACE = 900;   // points of the trace of axis 3
 
 // turn: rows of the body's rotation; axes: of its named axes, if these are others; l: the momentum, of length 1 or less;
-// trace: unit vectors of axis 3; centre: of mass; pulls: [name, direction]; radius: unit vector of the local vertical
-function drawBody(stage, { turn, axes = turn, corners, tones, form, l, trace, centre = null, pulls = [], radius = null }) {
+// trace: unit vectors of axis 3; centre: of mass; pulls: [name, direction]; radius: unit vector of the local vertical;
+// arrows: [name, vector in space, colour]
+function drawBody(stage, { turn, axes = turn, corners, tones, form, l, trace, centre = null, pulls = [], radius = null, arrows = [] }) {
   const ink = colour("--grey"), path = colour("--path"), weight = colour("--weight");
   stage.segment([0, 0, -1.25], [0, 0, 1.25], ink, 1);
   stage.label("z", [0, 0, 1.36], ink);
@@ -20,6 +21,10 @@ function drawBody(stage, { turn, axes = turn, corners, tones, form, l, trace, ce
   const tip = l.map(x => 1.15 * x);
   stage.arrow([0, 0, 0], tip, path);
   if (size(tip) > 0) stage.label("L", sized(tip, size(tip) + 0.3), path);
+  for (const [name, v, style] of arrows) {
+    stage.arrow([0, 0, 0], v, colour(style), 2.5);
+    if (size(v) > 0) stage.label(name, sized(v, size(v) + 0.15), colour(style));
+  }
   stage.curve(trace.map(e => e.map(x => 1.2 * x)), path, 1.4, x => 0.15 + 0.85 * x);
   for (const [name, along] of pulls) {
     const from = [1.05, 0, 0.75];
@@ -53,6 +58,12 @@ function levels(moments) {
   const inverse = moments.map(x => 1 / x).sort((a, b) => a - b), [least, mid, most] = inverse;
   const parts = [0.1, 0.35, 0.65, 0.9];
   return [...parts.map(p => least + p ** 2 * (mid - least)), ...parts.map(p => most - p ** 2 * (most - mid))];
+}
+// what the curve of `separatrix` is: with two equal moments a circle of fixed points
+function thickCurve(moments) {
+  const [least, mid, most] = [...moments].sort((a, b) => a - b), same = (a, b) => Math.abs(a - b) <= 1e-9 * most;
+  if (same(least, most)) return "with three equal moments L stays anywhere";
+  return same(least, mid) || same(mid, most) ? "thick: a circle of fixed points, for two moments are equal" : "thick: separatrix";
 }
 const separatrix = moments => 1 / [...moments].sort((a, b) => a - b)[1] * (1 + 1e-9);
 

@@ -44,20 +44,19 @@ class Stage extends Canvas {
   constructor(node, azimuth, height, reach, changed) {
     super(node);
     Object.assign(this, { azimuth, elevation: height, reach, zoom: 1, parts: [] });
-    const held = new Map();                  // pointer: its place; one turns the stage, two zoom it
-    const apart = () => { const [a, b] = held.values(); return Math.hypot(a[0] - b[0], a[1] - b[1]); };
+    // pointers: their places. The mouse turns the stage. So do two fingers, which zoom it, too; one finger turns it
+    // sideways, because a page scrolls by its way up and down
+    const held = new Map(), apart = () => { const [a, b] = held.values(); return Math.hypot(a[0] - b[0], a[1] - b[1]); };
     node.addEventListener("pointerdown", event => { held.set(event.pointerId, [event.clientX, event.clientY]); node.setPointerCapture(event.pointerId); });
     for (const end of ["pointerup", "pointercancel"]) node.addEventListener(end, event => { held.delete(event.pointerId); });
     node.addEventListener("pointermove", event => {
-      const from = held.get(event.pointerId), to = [event.clientX, event.clientY];
+      const from = held.get(event.pointerId), to = [event.clientX, event.clientY], many = held.size;
       if (!from) return;
-      const before = held.size === 2 ? apart() : 0;
+      const before = many === 2 ? apart() : 0;
       held.set(event.pointerId, to);
       if (before > 0) this.zoom = clamp(this.zoom * apart() / before, 0.4, 4);
-      if (held.size === 1) {
-        this.azimuth -= 0.01 * (to[0] - from[0]);
-        this.elevation = clamp(this.elevation + 0.01 * (to[1] - from[1]), -1.5, 1.5);
-      }
+      this.azimuth -= 0.01 * (to[0] - from[0]) / many;
+      if (many > 1 || event.pointerType !== "touch") this.elevation = clamp(this.elevation + 0.01 * (to[1] - from[1]) / many, -1.5, 1.5);
       changed();
     });
     node.addEventListener("wheel", event => {
@@ -153,6 +152,7 @@ class Stage extends Canvas {
   }
   // the unit ball, round at the limb, with the density of members on it; `isHidden` says what is behind
   ball(density = null) {
+    if (!(this.scale > 0)) return;   // a page that is not shown has no size
     const [x, y] = this.place([0, 0, 0]), far = NEAR * this.reach, radius = this.scale * far / Math.sqrt(far * far - 1);
     const key = [this.azimuth, this.elevation, radius, density && density.k, isDark()].join();
     if (key !== this.painted) this.picture = ballPicture(this, radius, density);

@@ -1,0 +1,130 @@
+"""Live pages of heavy symmetric tops: starts by closed forms, ends of sliders, and readings."""
+
+import re
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from tests.views.test_live import browser, opened  # noqa: F401
+
+KINDS = {
+    "steady precession": ("steady precession",),
+    "waves": ("monotone precession",),
+    "cusps": ("cusps",),
+    "loops": ("loops",),
+    "sleeping": ("monotone precession", "cusps"),  # 0.01 rad off the vertical
+}
+FORMED = """() => { const { l, q } = state.samples[0], { moments, mass, centre } = state.body;
+  return [moments, mass * SLIDERS.at(-1).value * centre[2], l, q]; }"""
+
+
+@pytest.mark.parametrize("word", ["omega", "momentum"])
+def test_buttons_start_the_motions_that_they_name(word, browser, tmp_path):  # noqa: F811
+    """At random leans, turns and spins, of tops that stand and hang; by the closed forms."""
+    scene = rm.Scene.load("heavy_top")
+    if word == "momentum":
+        scene = rm.Scene(scene.body, scene.effects, rm.Start(momentum=(0.0, 0.0, 0.016),
+                         attitude=(0.1, 0.4, 0.2))).with_run(members=1, dt=5e-4)  # fmt: skip
+    names = [f"start.{word}.{k}" for k in (1, 2, 3)]
+    names += ["start.attitude.theta", "start.attitude.psi", "effects.gravity.g"]
+    rm.live(scene, tmp_path / "top.html", dict.fromkeys(names), members=1)
+    page = opened(browser, tmp_path / "top.html")
+    some = np.random.default_rng(5)
+    scale = 1.0 if word == "omega" else scene.body.moments[2]
+    for _ in range(6):
+        spin, lean, turn = (
+            some.uniform(150.0, 300.0),
+            some.uniform(0.2, 2.9),
+            some.uniform(-3.0, 3.0),
+        )
+        for button, kinds in KINDS.items():
+            numbers = {2: spin * scale, 3: lean, 4: turn}
+            page.evaluate("; ".join(f"SLIDERS[{k}].set({x})" for k, x in numbers.items()))
+            page.evaluate("begin()")
+            page.evaluate("word => { setPreset(word); play(false); }", button)
+            moments, weight, momentum, attitude = page.evaluate(FORMED)
+            motion = rm.analyse_lagrange_top(moments, weight, momentum, attitude)
+            assert str(motion.kind) in kinds, (button, spin, lean)
+            if button == "steady precession":
+                omega = np.array(momentum) / moments
+                slow, _ = rm.steady_precession(moments, weight, omega[2], lean)
+                push = np.hypot(*omega[:2]) / np.sin(lean)
+                assert push == pytest.approx(abs(slow), rel=1e-13)  # measured 4e-16
+                # the ends of the sliders are about twice the push
+                ends = page.evaluate("SLIDERS[0].high") / (1.0 if word == "omega" else moments[0])
+                assert ends == pytest.approx(2.0 * abs(slow) * np.sin(lean), rel=0.06)
+    assert page.faults == []
+
+
+def test_a_page_reads_off_the_motion(browser, tmp_path):  # noqa: F811
+    """Rates and periods beside the closed form; a top that spins too slowly says what it needs."""
+    rm.live("heavy_top", tmp_path / "top.html", members=1)
+    page = opened(browser, tmp_path / "top.html", hash_="#t=2&start.omega.3=200")
+    page.wait_for_function("!state.busy && state.step >= 4000")
+    moments = page.evaluate("state.body.moments")
+    weight = page.evaluate("state.body.mass * 9.81 * state.body.centre[2]")
+    start = moments, weight, (0.0, 0.0, 200.0 * moments[2]), (0.0, 0.4, 0.0)
+    motion, text = rm.analyse_lagrange_top(*start), page.inner_text("#readings")
+    read = {name: float(re.search(f"{name} ([-.e0-9]+)", text)[1]) for name in
+            ("nutation", "mean dφ/dt", "E", "steady precession")}  # fmt: skip
+    assert read["nutation"] == pytest.approx(float(motion.period), rel=1e-3)  # four digits
+    assert read["E"] == pytest.approx(float(motion.energy), rel=1e-5)
+    mean = np.degrees(float(motion.precession / motion.period))
+    assert read["mean dφ/dt"] == pytest.approx(mean, rel=1e-2)
+    slow, _ = rm.steady_precession(moments, weight, 200.0, 0.4)
+    assert read["steady precession"] == pytest.approx(np.degrees(slow), rel=1e-3)
+    page.evaluate("SLIDERS.find(s => s.name === 'start.omega.3').set(80); begin()")
+    page.click("text=steady precession")
+    least = float(rm.least_spin(moments, weight, 0.4))
+    assert f"needs a spin above {least:.4g} rad/s, and ω₃ is 80 rad/s" in page.inner_text("#told")
+
+
+def test_a_link_takes_a_bounded_time_and_says_so(browser, tmp_path):  # noqa: F811
+    rm.live("heavy_top", tmp_path / "top.html", members=1)
+    link = "#t=1e9&start.omega.9=3&start.omega.3=1e7&space=moon&body.moments.1=x"
+    page = opened(browser, tmp_path / "top.html", hash_=link)
+    page.evaluate("state.spent = LONGEST")  # the work of ten seconds
+    page.wait_for_function("!state.busy && state.step * state.h === state.time")
+    told = page.inner_text("#told")
+    for words in ("this page has no start.omega.9", "start.omega.3 = 1e7 is beyond its slider",
+                  "space = moon is not possible", "body.moments.1 = x is not possible",
+                  "The time 1e9 s takes", "stopped after 10 s of work"):  # fmt: skip
+        assert words in told
+    page.evaluate("begin(0.1)")
+    page.wait_for_function("!state.busy && state.step >= 200")
+    assert page.inner_text("#told") == "" and page.faults == []
+
+
+def test_a_slider_has_a_finer_drag(browser, tmp_path):  # noqa: F811
+    """With Shift, by the mouse and by keys, and with the box `fine` where there is no Shift."""
+    rm.live("dzhanibekov", tmp_path / "page.html", members=1)
+    page = opened(browser, tmp_path / "page.html")
+    slider = page.locator("#sliders input").nth(4)
+    width = page.evaluate("SLIDERS[4].high - SLIDERS[4].low")
+    moves = {}
+    for key in ("", "Shift"):
+        slider.focus()
+        before = page.evaluate("SLIDERS[4].value")
+        page.keyboard.press(f"{key}+ArrowRight" if key else "ArrowRight")
+        moves[key] = page.evaluate("SLIDERS[4].value") - before
+    assert moves[""] == pytest.approx(1e-3 * width, rel=0.01)
+    assert moves["Shift"] == pytest.approx(1e-4 * width, rel=0.01)
+    box = slider.bounding_box()
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    drags = {}
+    for key in ("", "Shift", "fine"):
+        page.evaluate("SLIDERS[4].set(0)")
+        page.set_checked("#fine", key == "fine")
+        page.mouse.move(x, y)
+        if key == "Shift":
+            page.keyboard.down(key)
+        page.mouse.down()
+        page.mouse.move(x + 10.0, y)
+        page.mouse.move(x + 40.0, y)
+        page.mouse.up()
+        if key == "Shift":
+            page.keyboard.up(key)
+        drags[key] = page.evaluate("SLIDERS[4].value") / width
+    for key in ("Shift", "fine"):  # from the place of the pointer after its first move, or at once
+        assert 0.05 * drags[""] < drags[key] < 0.12 * drags[""]
