@@ -3,11 +3,14 @@
 import contextlib
 import errno
 import os
+import platform
 import sys
 import tempfile
 import weakref
+from collections.abc import Callable
 from typing import IO, Any
 
+from rigidmc.files.opening import open_plain
 from rigidmc.files.outputs import naming_the_path
 from rigidmc.files.processes import let_go
 
@@ -28,6 +31,7 @@ def _forked() -> None:
     """In a fork: give up the locks, which belong to the parent process and end with it."""
     let_go([file.fileno() for file in _held if not file.closed])
     _held.clear()
+    _made.clear()
 
 
 if hasattr(os, "register_at_fork"):
@@ -86,6 +90,47 @@ else:
 
     def _unlock(file: IO[Any]) -> None:
         fcntl.flock(file, fcntl.LOCK_UN)
+
+
+_made: dict[str, IO[Any]] = {}  # locked files of new folders, by the paths that they will have
+
+
+def lock_new(folder: str, final: str) -> Callable[[], None]:
+    """Lock the file `lock` of a new folder before this folder gets its final name; return what
+    releases it.
+
+    `taken_over` goes on with it: between the two, another process could take the folder for
+    abandoned. Windows moves no folder with an open file.
+    """
+    if os.name == "nt":
+        return lambda: None
+    name, key = os.path.join(folder, "lock"), os.path.join(os.path.abspath(final), "lock")
+    file = open(name, "ab+", buffering=0, opener=open_plain)  # noqa: SIM115
+    _made[key] = file
+    lock(file, name)
+    sign(file)
+
+    def release() -> None:
+        if _made.get(key) is file:
+            _made.pop(key).close()
+
+    return release
+
+
+def taken_over(name: str) -> IO[Any] | None:
+    """Return the file that `lock_new` has locked here; None without one, or if it was replaced."""
+    file = _made.pop(os.path.abspath(name), None)
+    with contextlib.suppress(OSError):
+        if file is not None and os.path.samestat(os.fstat(file.fileno()), os.lstat(name)):
+            return file
+    return None
+
+
+def sign(file: IO[Any]) -> None:
+    """Write the name of this process into its lock; it is only for people."""
+    with contextlib.suppress(OSError):
+        file.truncate(0)
+        file.write(f"process {os.getpid()} of {platform.node()}\n".encode())
 
 
 def refuse_lockless(folder: str) -> None:

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from rigidmc.errors import FileError, OutputExists, SceneWarning
-from rigidmc.files.locks import lock, unlock
+from rigidmc.files.locks import lock, sign, taken_over, unlock
 from rigidmc.files.opening import data_bytes, open_below, open_plain, open_regular, refuse_unnamed
 from rigidmc.files.outputs import Path, clear, is_part
 from rigidmc.files.reading import bytes_of, json_of
@@ -317,7 +317,7 @@ class RunDirectory:
             yield
             return
         name = os.path.join(self.path, "lock")
-        with open(name, "ab+", buffering=0, opener=open_plain) as file:
+        with taken_over(name) or open(name, "ab+", buffering=0, opener=open_plain) as file:
             try:
                 lock(file, name)
             except BlockingIOError:
@@ -327,9 +327,7 @@ class RunDirectory:
             if self._read_facts() != self.facts:
                 rule = "was changed by another process meanwhile; open it again"
                 raise OutputExists(f"{self.path}: {rule}")
-            with contextlib.suppress(OSError):  # the name of the holder is only for people
-                file.truncate(0)
-                file.write(f"process {os.getpid()} of {platform.node()}\n".encode())
+            sign(file)
             self.clear()
             try:
                 yield

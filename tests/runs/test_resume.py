@@ -25,6 +25,7 @@ import rigidmc as rm
 from bench.bits import PROCESSORS, environment
 from rigidmc.cli import app
 from rigidmc.errors import FileError, NoRoom, OptionError, OutputExists, SceneWarning
+from rigidmc.files.locks import lock
 from rigidmc.files.netcdf import read
 from rigidmc.files.outputs import PartialFile, content_of
 from rigidmc.results import run_directory
@@ -340,6 +341,29 @@ def test_a_run_that_is_asked_to_stop_says_so(tmp_path, number, code):
     assert CliRunner().invoke(app, ["status", f"{tmp_path}/run"]).exit_code == 5
 
 
+def test_a_new_run_belongs_to_its_maker(tmp_path):
+    """A resume beside a writer that had not locked its new run yet computed all of it."""
+
+    def is_free(name):
+        with open(tmp_path / name / "lock", "ab+") as other:
+            try:
+                lock(other, "lock")
+            except BlockingIOError:
+                return False
+            return True
+
+    directory = create(SCENE, tmp_path / "run")
+    assert not is_free("run")
+    assert f"process {os.getpid()} of" in (tmp_path / "run" / "lock").read_text()
+    with directory.locked():
+        assert not is_free("run")
+    assert is_free("run")
+    abandoned = create(SCENE, tmp_path / "other")
+    assert not is_free("other")
+    del abandoned  # as after Ctrl-C in a notebook
+    assert is_free("other")
+
+
 def test_a_run_with_other_inputs_is_refused(whole, tmp_path):
     started(tmp_path / "run")
     facts = RunDirectory(tmp_path / "run").facts
@@ -411,6 +435,7 @@ def test_links_lead_nowhere(whole, tmp_path):
     (tmp_path / "mine").write_text("mine")
     for name in ("lock", "journal.jsonl"):
         started(tmp_path / "run")
+        (tmp_path / "run" / name).unlink(missing_ok=True)
         (tmp_path / "run" / name).symlink_to(tmp_path / "mine")
         with contextlib.suppress(OSError, FileError):
             resume.resume(tmp_path / "run", only=range(1))

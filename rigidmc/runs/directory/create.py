@@ -7,6 +7,7 @@ import os
 import tempfile
 import tomllib
 import warnings
+import weakref
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.kernel.layout import BLOCK
 from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OptionError, OutputExists, SceneWarning
-from rigidmc.files.locks import refuse_lockless
+from rigidmc.files.locks import lock_new, refuse_lockless
 from rigidmc.files.opening import refuse_unnamed
 from rigidmc.files.outputs import (
     Path,
@@ -154,7 +155,10 @@ def write_run_files(
         if chosen is not None:
             write_bytes(os.path.join(folder, CHOSEN), chosen.members.astype("<i8").tobytes())
         _write(folder, run, facts)
-    return RunDirectory(path)
+        release = (lambda: None) if is_url(path) else lock_new(folder, path)
+    directory = RunDirectory(path)
+    weakref.finalize(directory, release)
+    return directory
 
 
 def _facts(run: PreparedRun, shard: int, block: int, about: Mapping[str, str]) -> dict[str, Any]:
