@@ -1,4 +1,4 @@
-"""Film a live page for README, while a slider moves: python -m bench.film. It needs Chromium."""
+"""Film a live page for README, and press its buttons: python -m bench.film. It needs Chromium."""
 
 import io
 import os
@@ -12,12 +12,10 @@ from playwright.sync_api import sync_playwright
 import rigidmc
 from bench.readme import ROOT
 
-PAGE, WIDTH, COLOURS = {"width": 1000, "height": 760}, 640, 96
+PAGE, WIDTH, COLOURS = {"width": 1000, "height": 890}, 640, 96
 FRAME = 80  # ms of the page, and of the film
-# frame: the push of the axis [rad/s] from here on; cusps, then loops, then waves
-PUSHES = {0: 0.0, 60: -1.2, 120: 0.6}
+BUTTONS = {0: "cusps", 60: "loops", 120: "waves"}  # pressed before these frames
 FRAMES, SPEED = 180, "0.1"
-SLIDER = "input[aria-label='start.omega.2']"
 
 
 def screenshots(address):
@@ -33,12 +31,8 @@ def screenshots(address):
         page.clock.pause_at(10_000)  # frames are at equal times, however long a screenshot takes
         page.select_option("#speed", SPEED)
         for number in range(FRAMES):
-            if number in PUSHES:
-                page.locator(SLIDER).evaluate(
-                    "(input, part) => { input.value = Number(input.min)"
-                    " + part * (input.max - input.min); input.dispatchEvent(new Event('input')) }",
-                    0.5 + 0.5 * PUSHES[number] / 2.0,  # of a slider from -2 to 2 rad/s
-                )
+            if number in BUTTONS:
+                page.get_by_role("button", name=BUTTONS[number]).click()
             page.clock.run_for(FRAME)
             page.wait_for_timeout(30)
             yield Image.open(io.BytesIO(page.screenshot())).convert("RGB")
@@ -49,9 +43,7 @@ def main(path):
     with tempfile.TemporaryDirectory() as folder:
         file = os.path.join(folder, "live.html")
         scene = rigidmc.Scene.load("heavy_top", {"run.members": 1})
-        rigidmc.live(
-            scene, file, sliders={"start.omega.2": (-2.0, 2.0), "start.omega.3": (80, 300)}
-        )
+        rigidmc.live(scene, file)
         pictures = [
             picture.resize(
                 (WIDTH, WIDTH * PAGE["height"] // PAGE["width"]), Image.Resampling.LANCZOS
