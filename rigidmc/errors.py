@@ -266,8 +266,9 @@ class Renamed:
 
 
 def nearest(word: object, words: Iterable[object]) -> str | None:
-    """Return the member of `words` that `word` is a synonym of, else the most similar one, else the
-    first with a part like it, "effects.gravity.g" for "gravity"; None if none is similar."""
+    """Return the member of `words` that ends in `word`, "run.t_end" for "t_end", else the one that
+    it is a synonym of, else the most similar one, else the first with a part like it,
+    "effects.gravity.g" for "gravity"; None if none is similar."""
     from rigidmc.synonyms import NAMES
 
     # a file may have a million long names, and comparing two takes the product of their lengths
@@ -275,6 +276,11 @@ def nearest(word: object, words: Iterable[object]) -> str | None:
     if len(str(word)) > _WORD:
         return None
     asked = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", str(word)).lower().strip().replace("-", "_")
+    # a vector such as "omega" has its components only
+    for end in ("", r"(\.\d+)+"):
+        tail = re.compile(rf"\.{re.escape(str(word).lower())}{end}$")
+        if same := next((known[name] for name in known if tail.search(name)), None):
+            return same
     for name in NAMES.get(asked.replace(" ", "_"), ()):
         if same := next((known[w] for w in (name, name.replace("_", "")) if w in known), None):
             return same

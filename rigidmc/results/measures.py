@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, nearest
 from rigidmc.physics.observables import WATCHED, WATCHED_STATISTICS, statistics, word_of_observable
-from rigidmc.physics.observables.saving import FOLLOWED, is_event_time
+from rigidmc.physics.observables.saving import FOLLOWED, is_event_time, owners_of_variables
 from rigidmc.results import censored, intervals
 from rigidmc.results.censored import RELATIONS
 from rigidmc.results.columns import Columns
@@ -345,6 +345,11 @@ def _dims(text: str, name: str, variables: Variables, may_save_more: bool) -> tu
     if name in able:
         return able[name]
     known = [n for n in able if not n.startswith(("start_", "status"))]
+    owned = [variable for variable, owner in owners_of_variables().items() if owner == name]
+    owned = owned or [n for n in WATCHED_STATISTICS if n.rpartition("_")[0] == name]
+    if owned and name not in owned:
+        rule = f"{name} is an observable: use one of its variables, {', '.join(owned)}"
+        raise OptionError(rule, at="measure", value=text)
     if not may_save_more:
         rule = f"no such variable with one value per member; known: {', '.join(known)}"
         more = f"{rule}; `rigidmc run SCENE --save NAME` saves more"

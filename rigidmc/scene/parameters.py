@@ -97,6 +97,8 @@ def with_parameters(
     body, effects = scene.body, dict(label_effects(scene.effects))
     stated = body.stated if isinstance(body.stated, Stated) else None
     for name, value in values.items():
+        if "." not in name:
+            raise unknown("scene parameter", names, at=key, value=name)
         table, first, *rest = name.split(".")
         if why := refused_numbers(body.stated).get(name):
             raise SceneError(f"cannot differ between members: it {why}", at=key, value=name)

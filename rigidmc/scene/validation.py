@@ -29,6 +29,7 @@ from rigidmc.physics.observables import (
 )
 from rigidmc.physics.observables.histogram import Histogram
 from rigidmc.physics.observables.protocol import Monitored, Observable, size
+from rigidmc.physics.observables.saving import why_not_saved
 from rigidmc.scene.quantities import is_shared, is_variable, quantity, vector
 from rigidmc.scene.units import effect_in_si, observable_in_si
 from rigidmc.scene.user_parts.effects import check_effect_class
@@ -132,6 +133,8 @@ def check_saved_names(names: Iterable[str], observables: Sequence[Any]) -> None:
             raise PartError.of(kind, rule, "observables")
     for name in names:
         if name not in (names_known := saveable_names(observables)):
+            if reason := why_not_saved(name, observables):
+                raise SceneError(reason, at="run.save", value=name)
             raise unknown("observable", names_known, at="run.save", value=name)
         shipped = {**WITH_TABLE, **WATCHED}.get(name)
         if shipped is not None and name not in given:

@@ -1,5 +1,7 @@
 """Hints: what people write for what rigidmc calls by another name, and what they forget."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -8,10 +10,13 @@ from rigidmc.errors import nearest
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.physics.observables import KNOWN
+from rigidmc.physics.observables import KNOWN, OBSERVABLES, OUTCOMES, WATCHED, saveable_names
+from rigidmc.scene.derivative_names import parameter_names_of_derivatives
 from rigidmc.scene.library import shipped_names
+from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import _value
+from rigidmc.scene.varied import variable_names
 from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from rigidmc.synonyms import NAMES
 from rigidmc.views import PICTURES
@@ -172,3 +177,51 @@ def test_a_centre_in_millimetres(centre, asked):
 )
 def test_numbers_on_the_command_line(text, value):
     assert _value(text) == value
+
+
+def tails(names):
+    """Yield (name without its first parts, names) of parameter paths."""
+    for name in names:
+        parts = name.split(".")
+        for k in range(1, len(parts)):
+            if not "".join(parts[k:]).isdigit():
+                yield ".".join(parts[k:])
+
+
+def test_the_end_of_every_path_of_a_parameter_gets_the_path():
+    pairs = 0
+    for scene in map(rm.Scene.load, shipped_names()):
+        for known in (parameter_names_of_derivatives, parameter_names, variable_names):
+            names = known(scene)
+            for tail in tails(names):
+                assert f".{nearest(tail, names)}".endswith(f".{tail}"), tail
+                pairs += 1
+    assert pairs > 1000  # 1,486
+    scene = rm.Scene.load("heavy_top")
+    for name in ("g", "omega", "t_end"):
+        with pytest.raises(rm.RigidmcError, match="no such scene parameter"):
+            rm.linearise(scene, along=(name, 0.0, 1.0))
+
+
+def test_every_variable_of_a_result_names_what_to_save():
+    scene = rm.Scene.load("heavy_top")
+    names = saveable_names(())
+    variables = [v for kind in WATCHED.values() for v in kind.outputs if v not in names]
+    at_saves = [f"{name}_{end}" for name in OBSERVABLES for end in ("final", "thinned", "flagged")]
+    derived = [f"d_{name}" for name in OBSERVABLES]
+    asked = (*variables, *at_saves, *derived, *OUTCOMES)
+    assert len(asked) > 50  # 60
+    for name in asked:
+        with pytest.raises(rm.SceneError) as caught:
+            scene.with_run(save=(name,))
+        message = str(caught.value)
+        assert "omit it" in message or re.search(r"save '(\w+)'", message)[1] in names, name
+
+
+def test_an_observable_is_not_a_variable_of_a_member():
+    for name in ("nutation", "passage", "energy", "omega"):
+        with pytest.raises(rm.RigidmcError, match=f"{name} is an observable: use one of its"):
+            rm.gradient("heavy_top", f"mean({name})", "start.omega.3")
+    for name in ("flips", "flip_first", "nutation_max"):
+        with pytest.raises(rm.RigidmcError, match="has one value per member"):
+            rm.Scene.load("heavy_top").with_run(keep={name: "final"})

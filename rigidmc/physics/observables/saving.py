@@ -27,12 +27,15 @@ from rigidmc.dual_arrays import DualArray, has_tangents, plain
 from rigidmc.errors import SceneError, unknown
 from rigidmc.physics.observables import (
     OBSERVABLES,
+    OUTCOMES,
     WATCHED,
+    default_names,
     is_opaque,
     label_observables,
     outputs,
     own,
     statistics,
+    word_of_observable,
 )
 from rigidmc.physics.observables.protocol import Event, EventRecord, Running
 from rigidmc.physics.observables.statistics import STATISTICS
@@ -40,6 +43,28 @@ from rigidmc.physics.observables.statistics import STATISTICS
 WORDS = ("none", "final", "summary", "thinned", "full")
 Keep = str | Mapping[str, str]  # one word for all observables, or {name: word}
 Values = dict[str, NDArray[Any]]
+
+
+def owners_of_variables(given: Iterable[Any] = ()) -> dict[str, str]:
+    """Return {variable: observable over all steps that makes it}."""
+    kinds = {**WATCHED, **{word_of_observable(one): one for one in given if not is_opaque(one)}}
+    return {name: word for word, one in kinds.items() for name in getattr(one, "outputs", ())}
+
+
+def why_not_saved(name: str, given: Sequence[Any]) -> str:
+    """Return why a variable of results is not a name to save, and what to save; "" for others."""
+    base, _, end = name.rpartition("_")
+    saved = (*default_names(given), *own(given))
+    if (owner := owners_of_variables(given).get(name)) is not None:
+        return f"is a variable of {owner}: save '{owner}'"
+    if name in OUTCOMES:
+        return "is in every result: omit it"
+    if base in saved and end in (*WORDS, "flagged"):
+        return f"is {base} as the setting keep stores it: save '{base}'"
+    if name.removeprefix("d_") in saved:
+        base = name.removeprefix("d_")
+        return f"is a derivative: save '{base}', and name parameters in wrt"
+    return ""
 
 
 def check_keep(keep: Keep, given: Sequence[Any] = ()) -> None:
@@ -52,6 +77,11 @@ def check_keep(keep: Keep, given: Sequence[Any] = ()) -> None:
     named = {None: keep} if isinstance(keep, str) else keep
     for name, word in named.items():
         key = "keep" if name is None else f"keep.{name}"
+        if name in WATCHED or name in owners_of_variables(given):
+            rule = (
+                "has one value per member, whatever is kept: keep is of observables at save times"
+            )
+            raise SceneError(rule, at=f"run.{key}", table="run", value=name)
         if name is not None and name not in names:
             raise unknown(
                 "observable at save times", names, at=f"run.{key}", table="run", value=name
