@@ -146,14 +146,18 @@ function draw() {
       + `bits as the command line${state.fused ? "" : " (this machine has no fused multiply-add: slower)"}. ${HANDS}`);
   warn(words, state.why ? "No mass distribution" : flagged[1] ? "Flagged" : "");
 }
-// an angle [degrees] without jumps of whole turns, and its mean rate: by least squares, with small weights at the ends,
-// which are anywhere in a nutation, as in `rigidmc.views.closed_forms.mean_rate`
+// an angle [degrees] without jumps of whole turns, and its mean rate: over whole nutations, or, before there is one, by least
+// squares with small weights at the ends, which are anywhere in a nutation, as in `rigidmc.views.closed_forms.mean_rate`
 function unwrapped(y) {
   for (let i = 1; i < y.length; i++) y[i] -= 360 * Math.round((y[i] - y[i - 1]) / 360);
   return y;
 }
-function meanRate(t, y) {
+function meanRate(t, y, peaks) {
   const n = t.length, span = t[n - 1] - t[0];
+  if (peaks.length > 1) {
+    const at = x => { const i = t.findIndex(one => one >= x); return y[i - 1] + (y[i] - y[i - 1]) * (x - t[i - 1]) / (t[i] - t[i - 1]); };
+    return (at(peaks.at(-1)) - at(peaks[0])) / (peaks.at(-1) - peaks[0]);
+  }
   if (!(span > 0)) return 0;
   const edge = 0.5 * span / (n - 1), weights = t.map(x => Math.sin(Math.PI * (x - t[0] + edge) / (span + 2 * edge)) ** 2);
   const middle = t.reduce((sum, x, i) => sum + weights[i] * x, 0) / weights.reduce((sum, x) => sum + x, 0);
@@ -163,9 +167,10 @@ function meanRate(t, y) {
 function drawCharts() {
   const samples = state.past, t = samples.map(s => s.time / CLOCK.by), across = `time [${CLOCK.unit}]`;
   const [, upward, names, of] = QUANTITIES[$("quantity").value], found = samples.map(of), shown = [...names];
+  const peaks = peaksOf(t, samples.map(s => degrees(eulerOf(s)[1])));
   const series = names.map((name, k) => ({ name, x: t, y: found.map(one => one[k]) }));
   if ($("quantity").value === "euler") for (const k of [0, 2]) {
-    const { y } = series[k], rate = meanRate(t, unwrapped(y));
+    const { y } = series[k], rate = meanRate(t, unwrapped(y), peaks);
     series[k].y = y.map((x, i) => x - rate * (t[i] - t[0]));
     if (rate) shown[k] = series[k].name = `${names[k]} ${rate > 0 ? "−" : "+"} (${nice(+Math.abs(rate).toPrecision(4))}°/${CLOCK.unit}) t`;
   }
@@ -177,5 +182,5 @@ function drawCharts() {
   const log = k => ({ name: words[k], x: t, y: samples.map(s => Math.log10(Math.max(Math.abs(s.drift[k]), 1e-17))) });
   charts.drift.draw({ series: [log(0), log(1)], across, upward: "relative drift", log: true });
   legend("drifts", words);
-  $("readings").replaceChildren(...readings(samples).map(([name, words]) => html("span", {}, `${name} ${words}`)));
+  $("readings").replaceChildren(...readings(samples, t, peaks).map(([name, words]) => html("span", {}, `${name} ${words}`)));
 }

@@ -43,21 +43,25 @@ function followTop() {
   }
 }
 const RESOLVED = 6;   // samples of a nutation, below which they might miss one
-// [name, words] of numbers: of the latest sample, and of all that the charts show
-function readings(samples) {
-  const last = samples.at(-1), digits = (x, n = 4) => nice(+x.toPrecision(n)), list = [];
-  const theta = samples.map(s => degrees(eulerOf(s)[1])), t = samples.map(s => s.time / CLOCK.by), peaks = [];
-  for (let i = 1; i + 1 < t.length; i++) if (theta[i] > theta[i - 1] && theta[i] >= theta[i + 1]) {   // the top of a parabola through three samples
+// the times of the highest theta between samples: the tops of parabolas through three samples; none of a motion without
+// nutation, of which 0.001 degrees may be rounding, or if samples might miss nutations
+function peaksOf(t, theta) {
+  const peaks = [];
+  for (let i = 1; i + 1 < t.length; i++) if (theta[i] > theta[i - 1] && theta[i] >= theta[i + 1]) {
     const [a, b] = [(theta[i] - theta[i - 1]) / (t[i] - t[i - 1]), (theta[i + 1] - theta[i]) / (t[i + 1] - t[i])];
     peaks.push(0.5 * (t[i - 1] + t[i] + (t[i + 1] - t[i - 1]) * a / (a - b)));
   }
+  const isClear = !DATA.isFree && !DATA.isRandom && Math.max(...theta) - Math.min(...theta) > 1e-3;
+  return isClear && t.length > RESOLVED * (peaks.length - 1) ? peaks : [];
+}
+// [name, words] of numbers: of the latest sample, and of all that the charts show
+function readings(samples, t, peaks) {
+  const last = samples.at(-1), digits = (x, n = 4) => nice(+x.toPrecision(n)), list = [], theta = samples.map(s => degrees(eulerOf(s)[1]));
   const low = Math.min(...theta), high = Math.max(...theta);
   list.push(["θ", `${digits(theta.at(-1))}° (${digits(low)}° to ${digits(high)}°)`]);
-  if (!DATA.isFree && t.length > 2) list.push(["mean dφ/dt", `${digits(meanRate(t, unwrapped(samples.map(s => degrees(eulerOf(s)[0])))))}°/${CLOCK.unit}`]);
+  if (!DATA.isFree && t.length > 2) list.push(["mean dφ/dt", `${digits(meanRate(t, unwrapped(samples.map(s => degrees(eulerOf(s)[0]))), peaks))}°/${CLOCK.unit}`]);
   const count = peaks.length - 1;
-  // below 0.001 degrees a nutation may be the rounding of a steady precession
-  if (!DATA.isFree && !DATA.isRandom && count > 0 && t.length > RESOLVED * count && high - low > 1e-3)
-    list.push(["nutation", `${digits((peaks.at(-1) - peaks[0]) / count)} ${CLOCK.unit}, mean of ${count.toLocaleString("en")}`]);
+  if (count > 0) list.push(["nutation", `${digits((peaks.at(-1) - peaks[0]) / count)} ${CLOCK.unit}, mean of ${count.toLocaleString("en")}`]);
   if (isFinite(last.energy)) list.push(["E", `${digits(last.energy, 6)} J`]);
   list.push(["|L|²", `${digits(inner(last.l, last.l), 6)} kg² m⁴/s²`]);
   const top = topOf();
