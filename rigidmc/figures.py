@@ -26,7 +26,7 @@ from matplotlib.colors import (
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rigidmc.files.opening import check_suffix
@@ -80,6 +80,14 @@ class Picture(Figure):
 
     has_few_colours = False
 
+    def draw(self, renderer: Any) -> None:
+        """Draw the figure. Axes of equal scales get other ticks when the layout resizes them, so
+        that only a second layout has room for their labels."""
+        engine = self.get_layout_engine()
+        if engine is not None and any(axes.get_aspect() != "auto" for axes in self.axes):
+            engine.execute(self)
+        super().draw(renderer)
+
     def _repr_png_(self) -> bytes:
         data = io.BytesIO()
         self.savefig(data, format="png", dpi=100)
@@ -123,6 +131,15 @@ def name_powers(axes: Axes) -> None:
         unit, label = 10.0**power, axis.get_label_text()
         axis.set_major_formatter(FuncFormatter(lambda x, _, unit=unit: f"{x / unit:g}"))
         axis.set_label_text(label.replace("[", f"[$10^{{{power}}}$ ", 1))
+
+
+def mark_starts(axes: Axes, x: ArrayLike, y: ArrayLike, is_seen: ArrayLike = True) -> None:
+    """Mark the starts (n,) of paths by dark dots, hollow behind a surface, and name them in the
+    legend."""
+    x, y, is_seen = np.broadcast_arrays(x, y, is_seen)
+    style: dict[str, Any] = {"marker": "o", "ls": "", "color": INK, "ms": 5.0, "zorder": 4}
+    axes.plot(x[~is_seen], y[~is_seen], mfc="white", **style)
+    axes.plot(x[is_seen], y[is_seen], label="start", **style)
 
 
 def line_styles(count: int) -> list[dict[str, Any]]:

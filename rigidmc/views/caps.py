@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rigidmc.figures import HALO, INK
 
+MINUS = "\N{MINUS SIGN}"
 POINT = 1e-9  # size of curves that are a point, far below the smallest of RIMS
 # Rims of a cap [deg]: whole seconds, minutes and degrees of arc; a wider one is a sphere
 RIMS = (
@@ -87,7 +88,7 @@ def draw_cap(axes: Axes, cap: Cap, names: Sequence[str]) -> Circle:
         (0, 0, cap.side, toward),
     ):
         axes.annotate(
-            f"${'+' if sign > 0 else '-'}{name}$",
+            f"{'+' if sign > 0 else MINUS}{name}",
             xy=(x * cap.radius, y * cap.radius),
             xytext=(12 * x, 9 * (y or not x)),
             textcoords="offset points",

@@ -20,6 +20,7 @@ from rigidmc.figures import (
     add_density,
     figure_of,
     line_styles,
+    mark_starts,
     new_figure,
 )
 from rigidmc.mechanics.free_top import solve_free_top
@@ -34,7 +35,7 @@ from rigidmc.mechanics.rotation import to_space
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.closed_form import NONE, ClosedMotion
 from rigidmc.planning.turns import Drive, turning_rates
-from rigidmc.results.labels import with_units
+from rigidmc.results.labels import in_symbols, with_units
 from rigidmc.views.polhodes import draw_polhodes
 from rigidmc.views.quadric import CIRCLE, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import DENSE, FINE, LINES
@@ -72,7 +73,7 @@ def axis_path(
     tip = to_space(q, (0.0, 0.0, 1.0))
     draw_curve(axes, tip, color=PATH, linewidth=1.8, label="axis of the top")
     x, y, _ = screen(tip)
-    axes.plot(x[:1], y[:1], "o", color=PATH, markersize=6, label="start")
+    mark_starts(axes, x[:1], y[:1])
     axes.legend(loc="lower center", ncols=2, fontsize=9, frameon=False)
     period = float(nutation.period)
     whole = not t[-1] < 0.999 * periods * period
@@ -89,7 +90,7 @@ def draw_turning_angles(
         if np.sin(theta) > 1e-6:
             x, y = np.sin(theta) * np.cos(CIRCLE), np.sin(theta) * np.sin(CIRCLE)
             circle = np.stack([x, y, np.cos(theta) + 0.0 * CIRCLE], -1)
-            label = f"theta = {np.degrees(theta):.4g} deg"
+            label = f"θ = {np.degrees(theta):.4g}°"
             draw(axes, circle, color=GREY, linewidth=1.0, linestyle=style, label=label)
 
 
@@ -136,7 +137,7 @@ def draw_effective_potential(
         _wells(axes, degrees, u, energy, turns)
     axes.set(
         xlim=degrees[[0, -1]],
-        xlabel=with_units("theta", "deg"),
+        xlabel=with_units("θ", "deg"),
         ylabel=with_units("energy minus spin energy", symbol),
     )
     axes.ticklabel_format(useOffset=False)
@@ -159,7 +160,7 @@ def _one_well(axes: Axes, degrees: Floats, u: Floats, energy: float, turns: Floa
     """Draw the effective potential of one top, its energy, and its turning angles [deg]."""
     axes.plot(degrees, u, color=MEDIAN, linewidth=2.0, label="effective potential")
     axes.axhline(energy, color=PATH, linewidth=1.5, label="energy")
-    words = f"turning angles {turns[0]:.4g}, {turns[1]:.4g} deg"
+    words = f"turning angles {turns[0]:.4g}°, {turns[1]:.4g}°"
     for angle, label in zip(turns, (words, "_"), strict=True):
         axes.axvline(angle, color=GREY, linestyle="--", linewidth=1.0, label=label)
     inside = (degrees >= turns[0]) & (degrees <= turns[1])
@@ -261,18 +262,18 @@ def euler_angles(attitude: Floats, t: Floats, axes: Axes | None = None) -> Figur
     axes = axes if axes is not None else new_figure("", (6.0, 4.6)).add_subplot()
     theta, phi, psi = euler_curves(attitude)
     for name, values, style, color in (
-        ("theta", theta, "-", MEDIAN),
-        ("phi", phi, "--", PATH),
-        ("psi", psi, ":", INK),
+        ("θ", theta, "-", MEDIAN),
+        ("φ", phi, "--", PATH),
+        ("ψ", psi, ":", INK),
     ):
-        angle, rate = (theta, 0.0) if name == "theta" else without_mean_rate(t, values)
-        sign = "-" if rate > 0.0 else "+"
+        angle, rate = (theta, 0.0) if name == "θ" else without_mean_rate(t, values)
+        sign = "−" if rate > 0.0 else "+"
         label = name if rate == 0.0 else f"{name} {sign} ({abs(rate):.4g} rad/s) t"
         axes.plot(t, np.degrees(angle), style, color=color, linewidth=1.8, label=label)
     gaps = np.isnan(phi)
     if gaps.any():
         place = axes.get_xaxis_transform()
-        words = "phi, psi undefined: axis 3 is vertical"
+        words = "φ, ψ undefined: axis 3 is vertical"
         axes.fill_between(
             t, 0.0, 1.0, where=gaps, label=words, color="0.9", lw=0, zorder=0, transform=place
         )
@@ -310,7 +311,7 @@ def free_summary(
     t = _resolved(moments, momentum, t_end)
     motion = solve_free_top(moments, momentum, attitude, t)
     for k, (color, style) in enumerate(((MEDIAN, "-"), (PATH, "--"), (INK, ":"))):
-        label = f"$\\omega_{k + 1}$"
+        label = in_symbols(f"omega[{k + 1}]")
         upper.plot(t, motion.omega[:, k], style, color=color, linewidth=1.8, label=label)
     up = with_units("angular velocity", OBSERVABLES["omega"].units)
     upper.set(xlabel=TIME, ylabel=up, xlim=(0.0, t[-1]))
@@ -347,7 +348,7 @@ def _finish(axes: Axes, title: str) -> None:
     axes.set_title(title, fontsize=10, pad=24 if lines <= 3 else 38)
     columns = 3 if lines <= 3 else 2
     axes.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, fontsize=9, frameon=False
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, fontsize=8, frameon=False
     )
 
 

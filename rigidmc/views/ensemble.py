@@ -33,7 +33,7 @@ from rigidmc.figures import (
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.turns import AXIS, BODY
 from rigidmc.results.frames import in_principal_axes, is_described
-from rigidmc.results.labels import axis_label, count_text, with_units
+from rigidmc.results.labels import axis_label, count_text, in_symbols, with_units
 from rigidmc.views.globes import axis_density, momentum_density
 from rigidmc.views.polhodes import polhodes
 from rigidmc.views.sample import (
@@ -188,9 +188,8 @@ def _series(
         line = one.path.t[shown], one.value[shown]
         swings = np.count_nonzero(np.diff(np.sign(np.diff(line[1]))))
         width = 1.0 if swings <= SWINGS else 0.8 if is_few else 0.4
-        axes.plot(
-            *line, color=PATH, linewidth=width, label=f"member {one.path.member}, drawn above"
-        )
+        label = f"member {one.path.member}, drawn above{one.turn()}"
+        axes.plot(*line, color=PATH, linewidth=width, label=label)
     name_powers(axes)
     add_title(titled or axes, title, note_on(part, kind), pad=20)
     legend_above(titled or axes, 4, axes)
@@ -238,7 +237,7 @@ def _middle(part: xr.Dataset) -> tuple[NDArray[np.float64], str, str]:
     value = np.take_along_axis(omega, axis[None, None], axis=1)[:, 0]
     # the number of an axis is one of the axes of the result
     is_numbered = np.ptp(axis) == 0 and not is_described(part)
-    name = f"$\\omega_{axis[0] + 1}$" if is_numbered else "$\\omega_\\mathrm{mid}$"
+    name = in_symbols(f"omega[{axis[0] + 1}]") if is_numbered else "ω about the middle axis"
     symmetric = central_axis(np.median(moments, axis=1)) != axis[0]
     where = "normal to the symmetry axis" if symmetric else "about the axis of the middle moment"
     units = OBSERVABLES["omega"].units
@@ -249,7 +248,7 @@ def _angle(part: xr.Dataset) -> tuple[NDArray[np.float64], str, str]:
     """Return (values (time, member), label, title) of the angle of axis 3 from the vertical."""
     w, x, y, z = np.moveaxis(part.attitude.transpose("time", "quat", "member").values, 1, 0)
     theta = np.degrees(2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z)))
-    return theta, with_units("theta", "deg"), "Angle of axis 3 from the vertical"
+    return theta, with_units("θ", "deg"), "Angle of axis 3 from the vertical"
 
 
 def start_and_end(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
@@ -280,7 +279,7 @@ def start_and_end(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
         ylabel="members, rows scaled to their peaks",
         ylim=(-2.1, 1.0),
     )
-    axes.set_yticks([0, -1, -2], [f"$\\omega_{i}$" for i in (1, 2, 3)])
+    axes.set_yticks([0, -1, -2], [in_symbols(f"omega[{i}]") for i in (1, 2, 3)])
     axes.set_title("Spread of the angular velocity", fontsize=10, pad=20)
     legend_above(axes, 2)
     return figure_of(axes)
@@ -294,7 +293,7 @@ def drift_histogram(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     """
     is_narrow = axes is not None  # a third of a summary
     axes = axes or figure_of_result(ds, (7.0, 4.2)).add_subplot()
-    drifts = {"E - work" if "work" in ds else "E": ds.energy_drift_max, "$|L|^2$": ds.l2_drift_max}
+    drifts = {"E - work" if "work" in ds else "E": ds.energy_drift_max, "|L|²": ds.l2_drift_max}
     values = {
         symbol: drift.values[(ds.status.values == 0) & np.isfinite(drift.values)]
         for symbol, drift in drifts.items()
@@ -347,7 +346,7 @@ def _drifts_of_one(ds: xr.Dataset, axes: Axes) -> None:
     lines, title = [], ["Relative drift"]
     for symbol, name, color, style in (
         ("E - work" if "work" in ds else "E", "energy_drift", MEDIAN, "-"),
-        ("$|L|^2$", "l2_drift", INK, "--"),
+        ("|L|²", "l2_drift", INK, "--"),
     ):
         largest = ds[f"{name}_max"]
         lines.append(f"{symbol}: at most {abs(float(largest.values[0])):.1e}")

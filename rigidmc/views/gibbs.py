@@ -71,8 +71,8 @@ def _momenta(axes: Axes, x: NDArray[np.float64]) -> None:
     axes.plot(line, normal, color=INK, linewidth=0.8, label="Gibbs")
     twice = (x**2).sum(0)
     mean, error = twice.mean() / 3.0, twice.std() / np.sqrt(x.shape[1]) / 3.0
-    axes.set(xlabel="$L_i/\\sqrt{I_i kT}$", ylabel="density", yscale="log", ylim=(1e-5, 1.0))
-    words = f"angular momentum: $\\langle T\\rangle$ = {mean:.4f} ± {error:.4f} of 3/2 kT"
+    axes.set(xlabel="Lᵢ/√(Iᵢ kT)", ylabel="density", yscale="log", ylim=(1e-5, 1.0))
+    words = f"angular momentum: ⟨T⟩ = {mean:.4f} ± {error:.4f} of 3/2 kT"
     axes.set_title(words, fontsize=10)
     axes.legend(fontsize=8, frameon=False)
 
@@ -94,7 +94,7 @@ def _energies(axes: Axes, scene: Scene, q: NDArray[np.float64], kT: float) -> No
     axes.stairs(height, edges, color=INK, linewidth=1.4, label="Gibbs")
     mean, error = run.mean(), run.std() / np.sqrt(run.size)
     expected = np.average(theory, weights=weights)
-    axes.set(xlabel="potential energy $V/kT$", ylabel="density")
-    words = f"$\\langle V\\rangle$ = {mean:.4f} ± {error:.4f} kT; Gibbs {expected:.4f} kT"
+    axes.set(xlabel="potential energy V/kT", ylabel="density")
+    words = f"⟨V⟩ = {mean:.4f} ± {error:.4f} kT; Gibbs {expected:.4f} kT"
     axes.set_title(words, fontsize=10)
     axes.legend(fontsize=8, frameon=False)

@@ -17,6 +17,7 @@ from rigidmc.mechanics.rotation import to_space
 from rigidmc.planning.turns import AXIS, BODY
 from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.views.caps import Cap, cap_around, cap_points, draw_cap, draw_on_cap
+from rigidmc.views.closed_motion import sample_of_motion
 from rigidmc.views.quadric import EYE, Quadric, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import (
     MemberPath,
@@ -25,7 +26,6 @@ from rigidmc.views.sample import (
     note_on,
     omega_or_momentum,
     span,
-    thin_result,
 )
 from rigidmc.views.sphere import (
     PIXELS,
@@ -63,17 +63,19 @@ def momentum_density(
     The picture shows the momentum sphere in perspective, with the axis of the middle moment upward
     (for a symmetric body, the symmetry axis); directions behind the sphere are faint. If all
     directions lie close to that axis, it shows the cap around it from above, with the angle of its
-    rim. The density includes all saves, or only the last of two. The path of a free body is its
-    polhode, the curve of constant energy and ``|L|^2`` through its start; under torques the path
-    joins the saves. If all members have the same body, the picture shows its polhodes at other
-    energies, and the separatrices 2 T I_mid = L^2 of an asymmetric one.
+    rim. The density is of the motion between the saves where a closed form covers it; else of the
+    saves, or of the last of two. The path of a free body is its polhode, the curve of constant
+    energy and ``|L|^2`` through its start; under torques the path joins these states. If all
+    members have the same body, the picture shows its polhodes at other energies, and the
+    separatrices 2 T I_mid = L^2 of an asymmetric one.
 
     The axes are the principal axes, in which polhodes are simple, whatever the axes of the result.
 
     ds : result with omega or momentum; otherwise start_omega or start_momentum, as the title says
     one : the path to draw, instead of the paths of a few members
     """
-    part = in_principal_axes(thin_result(ds))
+    part, of_what = sample_of_motion(ds)
+    part = in_principal_axes(part)
     l, when = omega_or_momentum(part, "momentum")
     moments = part.moments.values
     body = np.median(moments, axis=1)
@@ -89,8 +91,9 @@ def momentum_density(
     shown = l if len(l) > 2 else l[-1:]
     first, second, third = (str(i + 1) for i in order)
     names = first, second, third
-    _draw_directions(axes, shown[:, order], paths[:, order], names, lines, _label(one))
-    note = "" if free else note_on(part, BODY)  # polhodes need no saves
+    _draw_directions(axes, shown[:, order], paths[:, order], names, lines, _label(one), of_what)
+    # polhodes and closed forms need no saves
+    note = "" if free or of_what == "states" else note_on(part, BODY)
     named = "principal" if is_described(ds) else "body"
     add_title(axes, f"Direction of the angular momentum\nin {named} axes, {when}", note, wide=WIDE)
     return figure_of(axes)
@@ -110,7 +113,7 @@ def axis_density(ds: xr.Dataset, axes: Axes | None = None, one: MemberPath | Non
             "the direction of axis 3 needs the attitude, which was not saved: run with"
             ' save=("attitude",)'
         )
-    part = thin_result(ds)
+    part, of_what = sample_of_motion(ds)
     w, x, y, z = np.moveaxis(part.attitude.transpose("time", "quat", "member").values, 1, 0)
     e3 = np.stack(
         [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=1
@@ -120,8 +123,9 @@ def axis_density(ds: xr.Dataset, axes: Axes | None = None, one: MemberPath | Non
     paths = e3[..., drawn_members(e3)]
     if one is not None:
         paths = to_space(one.attitude, (0.0, 0.0, 1.0))[..., None]
-    _draw_directions(axes, shown, paths, ("x", "y", "z"), ([], []), _label(one))
-    add_title(axes, f"Axis 3 of the body in space,\n{span(part)}", note_on(part, AXIS), wide=WIDE)
+    _draw_directions(axes, shown, paths, ("x", "y", "z"), ([], []), _label(one), of_what)
+    note = "" if of_what == "states" else note_on(part, AXIS)
+    add_title(axes, f"Axis 3 of the body in space,\n{span(part)}", note, wide=WIDE)
     return figure_of(axes)
 
 
@@ -137,10 +141,11 @@ def _draw_directions(
     names: Names,
     lines: tuple[list[Curve], list[Curve]],
     label: str,
+    of: str,
 ) -> None:
     """Draw the density of v, lines along paths, and (polhodes, separatrices), on a sphere or a cap.
 
-    names : of the three axes, the third one upward;  label : of the paths
+    names : of the three axes, the third one upward;  label : of the paths;  of : what is counted
     """
     with np.errstate(all="ignore"):
         v = v / np.linalg.norm(v, axis=1, keepdims=True)
@@ -154,9 +159,9 @@ def _draw_directions(
     cap = cap_around(2, np.concatenate([u, _columns(paths)], 1).T)
     curves = _clear_paths(paths, v.shape[-1], 1.0 if cap is None else cap.radius)
     if cap is not None:
-        _draw_on_cap(axes, u, curves, names, lines[1], cap, label)
+        _draw_on_cap(axes, u, curves, names, lines[1], cap, label, of)
     else:
-        _draw_globe(axes, u, curves, names, lines, label)
+        _draw_globe(axes, u, curves, names, lines, label, of)
     _legend(axes)
 
 
@@ -188,6 +193,7 @@ def _draw_globe(
     names: Names,
     lines: tuple[list[Curve], list[Curve]],
     label: str,
+    of: str,
 ) -> None:
     """Draw directions u (3, n) on the sphere in perspective, and paths."""
     front = _columns(np.stack(paths, -1)) if len(paths) == 1 else u
@@ -201,7 +207,7 @@ def _draw_globe(
         places = np.stack([x[seen], y[seen]]) / RADIUS
         even = np.stack([even_x[even_seen], even_y[even_seen]]) / RADIUS
         layers.append(smooth_density(places, u.shape[1], even, 1.0))
-    norm = _scale_of(axes, layers)
+    norm = _scale_of(axes, layers, of)
     draw_ball(axes, on, names, lines, _over(_lit_ball(), layers, norm))
     is_coarse = _is_coarse(paths)
     for path in paths:
@@ -227,8 +233,9 @@ def draw_ball(
     axes.set(xlim=(-1.3, 1.3), ylim=(-1.35, 1.45))
     rim = Circle((0.0, 0.0), RADIUS, facecolor="none", edgecolor="none")
     _draw_image(axes, _lit_ball() if image is None else image, rim)
-    for curve in lines[0]:
-        draw_curve(axes, curve, on=on, color=GREY, linewidth=0.6, alpha=0.7)
+    for n, curve in enumerate(lines[0]):
+        label = None if n else "other energies"
+        draw_curve(axes, curve, label, on, color=GREY, linewidth=0.6, alpha=0.7)
     for curve in lines[1]:
         draw_curve(axes, curve, "separatrix", on, color=INK, linewidth=1.2)
 
@@ -250,7 +257,7 @@ def _lit_ball() -> NDArray[np.float64]:
 Layer = tuple[NDArray[np.float64], NDArray[np.float64]]  # density, opacity
 
 
-def _scale_of(axes: Axes, layers: list[Layer], pad: float = 0.0) -> LogNorm:
+def _scale_of(axes: Axes, layers: list[Layer], of: str, pad: float = 0.0) -> LogNorm:
     """Return the scale of densities, whole decades, and draw it beside the axes."""
     sure = np.concatenate([density[opacity >= 0.5] for density, opacity in layers])
     sure = sure if sure.size else np.concatenate([d[np.isfinite(d)] for d, _ in layers])
@@ -259,7 +266,7 @@ def _scale_of(axes: Axes, layers: list[Layer], pad: float = 0.0) -> LogNorm:
     bar = figure_of(axes).colorbar(
         ScalarMappable(norm, CROWD), ax=axes, location="right", shrink=0.6, aspect=24, pad=pad
     )
-    bar.set_label("density (isotropic: 1)", fontsize=9)
+    bar.set_label(f"{of}, isotropic: 1", fontsize=9)
     bar.ax.tick_params(labelsize=8)
     return norm
 
@@ -291,6 +298,7 @@ def _draw_on_cap(
     separatrices: Sequence[Curve],
     cap: Cap,
     label: str,
+    of: str,
 ) -> None:
     """Draw directions u (3, n) on a cap around axis 3."""
     rim = draw_cap(axes, cap, names)
@@ -301,7 +309,7 @@ def _draw_on_cap(
     layer = smooth_density(places, u.shape[1], spread, fraction)
     paper = np.full((PIXELS, PIXELS, 3), 0.95)
     # the name of an axis stands beside the rim
-    _draw_image(axes, _over(paper, [layer], _scale_of(axes, [layer], 0.08)), rim)
+    _draw_image(axes, _over(paper, [layer], _scale_of(axes, [layer], of, 0.08)), rim)
     for curve in separatrices:
         draw_on_cap(axes, curve, "separatrix", cap=cap, clip_path=rim, color=INK, linewidth=1.0)
     style: dict[str, Any] = {"linewidth": 0.8, "path_effects": HALO}
@@ -330,7 +338,8 @@ def _legend(axes: Axes) -> None:
             entries,
             fontsize=8,
             frameon=False,
-            handlelength=1.4,
+            handlelength=1.2,
+            columnspacing=1.0,
             loc="lower center",
-            ncols=2,
+            ncols=3,
         )

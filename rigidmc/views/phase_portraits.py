@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rigidmc.figures import GREY, INK, LIGHT, add_density, add_title, line_styles
+from rigidmc.figures import INK, LIGHT, add_density, add_title, line_styles, mark_starts
 from rigidmc.mechanics.lagrange_steady import effective_potential
 from rigidmc.mechanics.lagrange_top import analyse_lagrange_top
 from rigidmc.mechanics.rotation import to_body, to_space
@@ -16,8 +16,9 @@ from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.closed_form import ClosedMotion
 from rigidmc.planning.turns import ATTITUDE, AXIS, BODY
 from rigidmc.results.frames import in_principal_axes, principal
-from rigidmc.results.labels import with_units
+from rigidmc.results.labels import in_symbols, with_units
 from rigidmc.views.attitudes import saved_attitude
+from rigidmc.views.closed_motion import heavy_tops, sample_of_motion, symmetric_about_3
 from rigidmc.views.globes import is_free
 from rigidmc.views.sample import (
     LINES,
@@ -26,12 +27,9 @@ from rigidmc.views.sample import (
     good_members,
     member_labels,
     member_paths,
-    note_on,
     omega_or_momentum,
-    thin_result,
 )
 from rigidmc.views.sphere import family
-from rigidmc.views.tops import heavy_tops, symmetric_about_3
 
 Floats = NDArray[np.float64]
 
@@ -58,24 +56,25 @@ def phase_portrait(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
     axes = figure.add_subplot()
     note = ""
     if good.sizes["member"] > LINES:
-        part = thin_result(good.assign(attitude=saved_attitude(good)))
+        part, of = sample_of_motion(good.assign(attitude=saved_attitude(good)))
         theta, rate = _many_swings(part, tops)
-        add_density(axes, theta, rate, "states")
+        add_density(axes, theta, rate, of)
     else:
         # AXIS is axis 3; any other axis turns as fast as the body at most
         kind = AXIS if tops is None or (tops.form == 3).all() else ATTITUDE
         paths, note = member_paths(good, kind)
         styles, labels = line_styles(len(paths)), member_labels(good.member.values)
+        starts = []
         for path, style, label in zip(paths, styles, labels, strict=True):
             theta, rate = _swing(path, _swinging_axis(tops, path))
             jumps = np.abs(np.diff(theta, prepend=theta[:1])) > 180.0
             theta = np.where(jumps, np.nan, theta)
             axes.plot(theta, rate, label=label, **style)
-            axes.plot(theta[:1], rate[:1], "o", color=style["color"], markersize=5)
-        axes.plot([], [], "o", color=GREY, markersize=5, label="start")
+            starts.append((theta[0], rate[0]))
+        mark_starts(axes, *np.transpose(starts))
     if tops is not None:
         _levels(axes, symmetric_about_3(tops))
-    axes.set(xlabel=with_units("theta", "deg"), ylabel=with_units("rate of theta", "deg s-1"))
+    axes.set(xlabel=with_units("θ", "deg"), ylabel=with_units("θ′", "rad s-1"))
     names = len(axes.get_legend_handles_labels()[1])
     if names:
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=8, frameon=False)
@@ -94,14 +93,14 @@ def _swinging_axis(tops: ClosedMotion | None, path: MemberPath) -> Floats:
 
 
 def _swing(path: MemberPath, axis: Floats) -> tuple[Floats, Floats]:
-    """Return theta [deg] and its rate [deg/s] (n,).
+    """Return theta [deg] and its rate [rad/s] (n,).
 
     With the vertical s in the body, s' = s x omega:  theta' = -axis . (s x omega)/sin theta.
     """
     s = to_body(path.principal_attitude, (0.0, 0.0, 1.0))
     sine = np.linalg.norm(np.cross(axis, s), axis=-1)
     with np.errstate(all="ignore"):
-        rate = np.degrees(-np.cross(s, path.omega) @ axis / sine)
+        rate = -np.cross(s, path.omega) @ axis / sine
     theta = np.degrees(np.arctan2(sine, s @ axis))
     u = to_space(path.principal_attitude, axis)
     at = np.argmax(sine)
@@ -114,7 +113,7 @@ def _swing(path: MemberPath, axis: Floats) -> tuple[Floats, Floats]:
 
 
 def _many_swings(part: xr.Dataset, tops: ClosedMotion | None) -> tuple[Floats, Floats]:
-    """Return theta [deg] and its rate [deg/s] of all states of a sample."""
+    """Return theta [deg] and its rate [rad/s] of all states of a sample."""
     omega, _ = omega_or_momentum(in_principal_axes(part), "omega")
     q = principal(part, "attitude").transpose("time", "quat", "member").values
     own = part.attitude.transpose("time", "quat", "member").values
@@ -152,8 +151,8 @@ def _levels(axes: Axes, tops: ClosedMotion) -> None:
     theta = np.linspace(max(left, 1e-3), min(right, 360.0 if right > 180.0 else 179.999), 400)
     rate = np.linspace(bottom, top, 300)
     u = effective_potential(moments, weight, p_phi, p_psi, np.radians(theta))
-    energy = u + 0.5 * moments[0] * np.radians(rate[:, None]) ** 2
-    most = u.min() + 0.5 * moments[0] * np.radians(np.abs(axes.get_ylim()).max()) ** 2
+    energy = u + 0.5 * moments[0] * rate[:, None] ** 2
+    most = u.min() + 0.5 * moments[0] * np.abs(axes.get_ylim()).max() ** 2
     levels = np.linspace(u.min(), most, 9)[1:]
     axes.contour(
         theta,
@@ -165,9 +164,10 @@ def _levels(axes: Axes, tops: ClosedMotion) -> None:
         linestyles="solid",
         zorder=0,
     )
+    axes.plot([], [], color=LIGHT, lw=0.8, label="other energies")
     if abs(p_phi - p_psi) <= SAME * scale and p_psi**2 < 4.0 * moments[0] * weight:
         upright = 0.5 * p_psi**2 / moments[2] + weight
-        edge = np.degrees(np.sqrt(np.maximum(2.0 * (upright - u) / moments[0], 0.0)))
+        edge = np.sqrt(np.maximum(2.0 * (upright - u) / moments[0], 0.0))
         axes.plot(theta, edge, ":", color=INK, linewidth=1.3, label="separatrix")
         axes.plot(theta, -edge, ":", color=INK, linewidth=1.3)
     axes.set(xlim=(left, right), ylim=(bottom, top))
@@ -179,11 +179,11 @@ def _free_portrait(ds: xr.Dataset, good: xr.Dataset, figure: Figure | None) -> F
     panels, count = figure.subplots(1, 3), good.sizes["member"]
     pairs, note = ((0, 1), (1, 2), (2, 0)), ""
     if count > LINES:
-        part = in_principal_axes(thin_result(good))
+        part, of = sample_of_motion(good)
+        part = in_principal_axes(part)
         omega, _ = omega_or_momentum(part, "omega")
-        note = note_on(part, BODY)
         for axes, (i, j) in zip(panels, pairs, strict=True):
-            add_density(axes, omega[:, i].ravel(), omega[:, j].ravel(), "states")
+            add_density(axes, omega[:, i].ravel(), omega[:, j].ravel(), of)
         moments, l = part.moments.values[:, 0], omega[0, :, 0] * part.moments.values[:, 0]
         is_shared = np.ptp(part.moments.values, axis=1).max() <= 1e-12 * moments.max()
     else:
@@ -193,21 +193,22 @@ def _free_portrait(ds: xr.Dataset, good: xr.Dataset, figure: Figure | None) -> F
         labels = member_labels(good.member.values)
         for path, style, label in zip(paths, line_styles(count), labels, strict=True):
             for axes, (i, j) in zip(panels, pairs, strict=True):
-                x, y = path.omega[:, i], path.omega[:, j]
-                axes.plot(x, y, label=label, **style)
-                axes.plot(x[:1], y[:1], "o", color=style["color"], markersize=5)
-        panels[0].plot([], [], "o", color=GREY, markersize=5, label="start")
+                axes.plot(path.omega[:, i], path.omega[:, j], label=label, **style)
+        first = np.stack([path.omega[0] for path in paths], -1)
+        for axes, (i, j) in zip(panels, pairs, strict=True):
+            mark_starts(axes, first[i], first[j])
     curves, separatrices = family(moments) if is_shared else ([], [])
     for axes, (i, j) in zip(panels, pairs, strict=True):
-        for curve in curves if count == 1 else []:
+        for k, curve in enumerate(curves if count == 1 else []):
             omega = np.linalg.norm(l) * curve / moments
-            axes.plot(omega[:, i], omega[:, j], color=LIGHT, linewidth=0.8, zorder=0)
+            label = "_" if k else "other energies"
+            axes.plot(omega[:, i], omega[:, j], color=LIGHT, lw=0.8, zorder=0, label=label)
         for k, curve in enumerate(separatrices):
             omega = np.linalg.norm(l) * curve / moments
             label = "_" if k else "separatrix"
             axes.plot(omega[:, i], omega[:, j], ":", color=INK, linewidth=1.1, label=label)
         units = OBSERVABLES["omega"].units
-        names = (with_units(f"$\\omega_{k + 1}$", units) for k in (i, j))
+        names = (with_units(in_symbols(f"omega[{k + 1}]"), units) for k in (i, j))
         axes.set(**dict(zip(("xlabel", "ylabel"), names, strict=True)))
     handles, labels = panels[0].get_legend_handles_labels()
     if labels:

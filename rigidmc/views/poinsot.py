@@ -15,12 +15,14 @@ from rigidmc.figures import (
     add_density,
     add_title,
     line_styles,
+    mark_starts,
 )
 from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
 from rigidmc.mechanics.rotation import matrix, to_space
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import with_units
+from rigidmc.views.closed_motion import STATES
 from rigidmc.views.globes import is_free
 from rigidmc.views.polhodes import period_of, polhode_of
 from rigidmc.views.quadric import CIRCLE, Quadric, Vectors, draw_curve, draw_quadric, screen
@@ -71,22 +73,25 @@ def _herpolhodes(axes: Axes, good: xr.Dataset, moments: Vectors, l: Vectors, q: 
     turns = end * float((np.linalg.norm(l, axis=1) / moments.min(1)).max())
     count = int(np.clip(turns / FINE, *DENSE))
     if len(l) > LINES:
-        t = np.linspace(0.0, end, DENSE[0])
         some = range(0, len(l), -(-len(l) // 1000))
+        t = np.linspace(0.0, end, max(count, DENSE[0], STATES // len(some)))
         # members at the same times would show the steps of t as spokes
         shift = (t[1] - t[0]) * (0.618034 * np.arange(len(l)) % 1.0)
         found = [_in_plane(moments[k], l[k], q[k], t + shift[k]) for k in some]
         x, y, _ = np.concatenate(found).T
         add_density(axes, x, y, "states")
+        wide = 1.05 * np.hypot(x, y).max()
+        axes.set(xlim=(-wide, wide), ylim=(-wide, wide))
     else:
         t, labels = np.linspace(0.0, end, count), member_labels(good.member.values)
+        starts = []
         for k, style in enumerate(line_styles(len(l))):
             x, y, _ = _in_plane(moments[k], l[k], q[k], t).T
             axes.plot(x, y, label=labels[k], **style)
-            axes.plot(x[:1], y[:1], "o", color=style["color"], markersize=5)
+            starts.append((x[0], y[0]))
             for radius in (np.hypot(x, y).min(), np.hypot(x, y).max()) if len(l) == 1 else ():
                 axes.plot(radius * np.cos(CIRCLE), radius * np.sin(CIRCLE), color=GREY, lw=0.7)
-        axes.plot([], [], "o", color=GREY, markersize=5, label="start")
+        mark_starts(axes, *np.transpose(starts))
         axes.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(0, 1), ncols=4)
     up = with_units("angular velocity in the plane", OBSERVABLES["omega"].units)
     axes.set(aspect="equal", xlabel=up, ylabel=up)
@@ -119,8 +124,8 @@ def _rolling(axes: Axes, member: int, moments: Vectors, l: Vectors, q: Vectors) 
     draw_curve(axes, u / np.linalg.norm(l), "polhode", on, color=PATH, linewidth=2.0)
     outward = 10 if screen(path[at])[0] > 0.0 else -10  # keeps the names of the arrows apart
     for end, name, side in (
-        (path[at], r"$\omega$", outward),
-        (np.array([0.0, 0.0, height]), "$L$", -outward),
+        (path[at], "ω", outward),
+        (np.array([0.0, 0.0, height]), "L", -outward),
     ):
         x, y, _ = screen(np.stack([0.0 * end, end]))
         axes.annotate("", (x[1], y[1]), (x[0], y[0]), arrowprops={"arrowstyle": "-|>", "lw": 1.5})

@@ -14,7 +14,15 @@ from numpy.typing import ArrayLike
 
 from rigidmc.arrays import floats
 from rigidmc.errors import OptionError, unknown
-from rigidmc.figures import GREY, INK, LIGHT, add_title, figure_of, line_styles, new_figure
+from rigidmc.figures import (
+    INK,
+    LIGHT,
+    add_title,
+    figure_of,
+    line_styles,
+    mark_starts,
+    new_figure,
+)
 from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
 from rigidmc.planning.turns import BODY, MOST
 from rigidmc.results.frames import in_principal_axes
@@ -61,7 +69,9 @@ def draw_polhodes(
     on = _draw_family(axes, moments, l, surface, energies)
     if l.any():
         (style,) = line_styles(1)
-        _draw_path(axes, polhode_of(moments, l) / np.linalg.norm(l), "this body", on, style)
+        u = polhode_of(moments, l) / np.linalg.norm(l)
+        _draw_path(axes, u, "this body", on, style)
+        _mark_starts(axes, [u], on)
     _add_key(axes)
     _add_title(axes, moments, surface, str(analyse_free_top(moments, l).kind))
     return figure_of(axes)
@@ -113,9 +123,12 @@ def polhodes(
         if cap is not None:
             thin = {**style, "linewidth": 0.7}  # many turns of a wobble would fill a ring
             draw_on_cap(axes, u, label, cap=cap, **thin)
-            axes.plot(*cap_points(cap, u[:1]), "o", color=style["color"], markersize=6)
         elif np.isfinite(u).any():
             _draw_path(axes, u, label, on, style)
+    if cap is not None:
+        mark_starts(axes, *cap_points(cap, np.stack([u[0] for u in curves])))
+    else:
+        _mark_starts(axes, curves, on)
     _add_key(axes)
     _add_title(axes, moments[0], surface, words, note)
     return figure_of(axes)
@@ -145,8 +158,9 @@ def _draw_family(
     on = Quadric(moments) if surface == "ellipsoid" else SPHERE
     draw_quadric(axes, ("1", "2", "3"), on)
     curves, separatrices = family(moments)
-    for curve in curves if len(energies) == 0 else []:
-        draw_curve(axes, curve, on=on, color=LIGHT, linewidth=0.9)
+    for n, curve in enumerate(curves if len(energies) == 0 else []):
+        label = None if n else "other energies"
+        draw_curve(axes, curve, label, on, color=LIGHT, linewidth=0.9)
     for k, energy in enumerate(energies):
         colour = str(round(0.75 - 0.5 * k / max(1, len(energies) - 1), 2))
         for n, curve in enumerate(_at_energy(moments, l, energy)):
@@ -171,12 +185,8 @@ def _at_energy(moments: Vectors, l: Vectors, energy: float) -> list[Vectors]:
 def _draw_path(
     axes: Axes, u: Vectors, label: str | None, on: Quadric, style: dict[str, Any]
 ) -> None:
-    """Draw a path of directions u (n, 3), its start, and an arrow along it."""
+    """Draw a path of directions u (n, 3), and an arrow along it."""
     draw_curve(axes, u, label, on, **style)
-    start = u[np.isfinite(u).all(-1)][:1]  # after a start at rest
-    face = style["color"] if on.is_seen(start).all() else "white"
-    x, y, _ = screen(on.points(start))
-    axes.plot(x, y, "o", color=style["color"], markersize=6, markerfacecolor=face)
     x, y, _ = screen(on.points(u))
     at = len(u) // 12
     if np.hypot(x[at + 1] - x[at], y[at + 1] - y[at]) > 1e-9:
@@ -184,9 +194,16 @@ def _draw_path(
         axes.annotate("", (x[at + 1], y[at + 1]), (x[at], y[at]), arrowprops=arrow)
 
 
+def _mark_starts(axes: Axes, curves: Sequence[Vectors], on: Quadric) -> None:
+    """Mark the first directions of curves (n, 3), after a start at rest."""
+    known = [u[np.isfinite(u).all(-1)][:1] for u in curves]
+    starts = np.concatenate(known)
+    x, y, _ = screen(on.points(starts))
+    mark_starts(axes, x, y, on.is_seen(starts))
+
+
 def _add_key(axes: Axes) -> None:
-    """Add a legend below a sphere; a marker stands for the starts."""
-    axes.plot([], [], "o", color=GREY, markersize=6, label="start")
+    """Add a legend below a sphere."""
     axes.legend(loc="lower center", ncols=3, fontsize=9, frameon=False)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigidmc.figures import GREY, INK, PATH, add_title, figure_of
 from rigidmc.mechanics.free_top import solve_free_top
 from rigidmc.mechanics.rotation import matrix, to_space
-from rigidmc.planning.turns import ATTITUDE
+from rigidmc.planning.turns import ATTITUDE, MOST
 from rigidmc.results.frames import in_principal_axes
 from rigidmc.scene.scene import scene_of
 from rigidmc.views.globes import is_free
@@ -32,6 +32,7 @@ from rigidmc.views.surfaces import body_surface, member_body
 
 COUNT = 8  # instants
 MEMBERS = 500  # of which the median is taken
+STILL = 1e-6  # relative to its size: a value that varies less has no oscillation
 NEAR = 0.98  # relative to an extreme: there a flip begins and ends
 BELOW = -1.5  # height below the times
 TRAIL = 2.0  # rad of the path of an axis before an instant
@@ -51,13 +52,22 @@ class Flight(NamedTuple):
     axis: Floats
     value: Floats
 
+    def turn(self) -> str:
+        """Describe how far the body turns between two instants, if that is more than MOST."""
+        omega = float(np.linalg.norm(self.path.omega, axis=1).max())
+        angle = omega * float(np.diff(self.instants).max())
+        # 1 %: an axis turns by less than the body between two points of its path
+        return f"; it turns {angle:.2g} rad from one to the next" if angle > 1.01 * MOST else ""
+
 
 def snapshots(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     """Draw the body of a typical member at eight instants of its motion.
 
     The body is the solid of its scene, or the ellipsoid of its moments, with the path of an axis:
     the axis of the middle moment of a free body, whose momentum is upward, and axis 3 of another
-    body, whose vertical is upward. The instants cover the first flip of that axis, or the run.
+    body, whose vertical is upward. The instants cover the first flip of that axis; else the run, or
+    as much of it as they show at 2 rad of this motion apart. The title tells how far the body
+    turns between them, if that is more.
 
     ds : result with its scene
     Raises ValueError without a scene, and if the member cannot be recomputed.
@@ -68,7 +78,7 @@ def snapshots(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
         raise ValueError(f"snapshots needs a result with its scene ({error})") from None
     axes = axes or figure_of_result(ds, (10.0, 2.2)).add_subplot()
     draw_flight(ds, one, axes)
-    add_title(axes, f"Member {one.path.member} at eight instants")
+    add_title(axes, f"Member {one.path.member} at eight instants{one.turn()}")
     return figure_of(axes)
 
 
@@ -96,7 +106,20 @@ def flight(ds: xr.Dataset, part: xr.Dataset | None = None) -> Flight:
         value = np.degrees(np.arccos(np.clip(matrix(path.attitude)[:, 2, 2], -1.0, 1.0)))
     else:
         value = path.omega[:, np.argsort(path.moments, kind="stable")[1]]
-    return Flight(path, _instants(path.t, value, is_free(ds)), axis, value)
+    tip = matrix(path.principal_attitude) @ axis
+    most = MOST / _rate(path.t, value, tip) if len(path.t) > 1 else 0.0
+    return Flight(path, _instants(path.t, value, is_free(ds), most), axis, value)
+
+
+def _rate(t: Floats, value: Floats, tip: Floats) -> float:
+    """Return the rate of the drawn motion [rad/s]: of an axis with directions tip (n, 3), or of the
+    oscillation of a value (n,), whichever is faster."""
+    step = np.diff(t)
+    turning = np.linalg.norm(np.diff(tip, axis=0), axis=1) / step
+    half = 0.5 * float(np.ptp(value))
+    swing = np.abs(np.diff(value)) / step / half if half > STILL * np.abs(value).max() else 0.0
+    # 1e-300 only separates 0 from the divisor of a body at rest
+    return max(float(np.nanmax(turning)), float(np.nanmax(swing)), 1e-300)
 
 
 def _typical(part: xr.Dataset) -> int:
@@ -130,12 +153,12 @@ def _free_path(one: xr.Dataset) -> MemberPath:
     )
 
 
-def _instants(t: Floats, value: Floats, is_rate: bool) -> Floats:
-    """Return COUNT times over the first flip, at which a rate changes sign; without one, over all
-    of t."""
+def _instants(t: Floats, value: Floats, is_rate: bool, most: float) -> Floats:
+    """Return COUNT times over the first flip, at which a rate changes sign; without one, over t,
+    with at most `most` [s] between two."""
     turns = np.flatnonzero(np.diff(np.sign(value)) != 0)
     if not is_rate or not turns.size:
-        return np.linspace(t[0], t[-1], COUNT)
+        return np.linspace(t[0], min(t[-1], t[0] + (COUNT - 1) * most), COUNT)
     size, at = np.abs(value), int(turns[0])
     after = at + 1 + np.argmax(np.diff(size[at + 1 :], append=0.0) < 0.0)
     before = at - np.argmax(np.diff(size[at::-1], append=0.0) < 0.0)

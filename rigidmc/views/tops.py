@@ -15,14 +15,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rigidmc.errors import SceneError
-from rigidmc.figures import GREY, add_density, add_title, figure_of, line_styles
-from rigidmc.mechanics.lagrange_top import analyse_lagrange_top, with_axis_third
+from rigidmc.figures import add_density, add_title, figure_of, line_styles, mark_starts
+from rigidmc.mechanics.lagrange_top import analyse_lagrange_top
 from rigidmc.mechanics.rotation import to_space
-from rigidmc.planning.closed_form import ClosedMotion, case_of
-from rigidmc.planning.initial import block_rows, initial_block_of, make_sampler
 from rigidmc.planning.turns import ATTITUDE, AXIS
 from rigidmc.results.labels import axis_label, with_units
-from rigidmc.scene.scene import scene_of
 from rigidmc.views.attitudes import euler_of, saved_attitude
 from rigidmc.views.caps import cap_points, draw_cap, draw_on_cap, narrow_cap
 from rigidmc.views.closed_forms import (
@@ -32,6 +29,7 @@ from rigidmc.views.closed_forms import (
     euler_curves,
     without_mean_rate,
 )
+from rigidmc.views.closed_motion import case_of_result, heavy_tops, symmetric_about_3
 from rigidmc.views.globes import axis_density
 from rigidmc.views.quadric import draw_curve, draw_quadric, screen
 from rigidmc.views.sample import (
@@ -46,7 +44,7 @@ from rigidmc.views.sample import (
 
 NARROW = 60.0  # deg: the sphere hides the far side of loops and cusps around the vertical
 
-GAPS = "\nphi and psi are undefined where axis 3 is vertical: their lines end"
+GAPS = "\nφ and ψ are undefined where axis 3 is vertical: their lines end"
 
 
 def trajectory(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
@@ -77,9 +75,8 @@ def trajectory(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     _draw_limits(axes, good, draw)
     for tip, style, label in zip(tips, styles, labels, strict=True):
         draw(axes, tip, label, **style)
-        x, y, *_ = place(tip[:1])
-        axes.plot(x, y, "o", color=style["color"], markersize=6)
-    axes.plot([], [], "o", color=GREY, markersize=6, label="start")
+    x, y, *_ = place(np.stack([tip[0] for tip in tips]))
+    mark_starts(axes, x, y)
     axes.legend(loc="lower center", ncols=3, fontsize=9, frameon=False)
     add_title(axes, f"Path of axis 3 of the body in space, {times_of(paths)}", note)
     return figure_of(axes)
@@ -134,8 +131,8 @@ def _name_rows(rows: Any, time: str, note: str, gaps: str = "") -> None:
 
     gaps : why the lines have gaps, if they do
     """
-    for row, name in zip(rows, ("theta", "phi - mean rate", "psi - mean rate"), strict=True):
-        row.set_ylabel(with_units(name.replace("-", "\N{MINUS SIGN}"), "deg"))
+    for row, name in zip(rows, ("θ", "φ − ⟨φ′⟩ t", "ψ − ⟨ψ′⟩ t"), strict=True):
+        row.set_ylabel(with_units(name, "deg"))
     rows[2].set_xlabel(time)
     _, names = rows[0].get_legend_handles_labels()
     if names:
@@ -144,7 +141,7 @@ def _name_rows(rows: Any, time: str, note: str, gaps: str = "") -> None:
         )
     add_title(
         rows[0],
-        "Euler angles (z-x-z), without the mean rates of each member" + gaps,
+        "Euler angles (z-x-z), less the mean rates ⟨φ′⟩, ⟨ψ′⟩ of each member" + gaps,
         note,
         pad=30 if len(names) > 4 else 20 if names else None,
     )
@@ -182,7 +179,7 @@ def effective_potential(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     """
     good = good_members(ds)
     try:
-        tops = _case(good)
+        tops = case_of_result(good)
     except SceneError as error:
         raise ValueError(f"effective_potential needs heavy symmetric tops: {error.rule}") from None
     if (tops.form < 1).any():
@@ -191,31 +188,3 @@ def effective_potential(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     shown = symmetric_about_3(tops)
     draw_effective_potential(shown.moments, shown.weight, shown.momentum, shown.attitude, axes)
     return figure_of(axes)
-
-
-def _case(good: xr.Dataset) -> ClosedMotion:
-    """Return the ClosedMotion of members of a result; SceneError if no closed form covers them."""
-    scene = scene_of(good)
-    model, members = scene.model, np.asarray(good.member.values, dtype=np.int64)
-    known = make_sampler(model, scene.run), members, True, block_rows(model.effects, False)
-    return case_of(model.effects, *initial_block_of(model, *known))
-
-
-def heavy_tops(good: xr.Dataset) -> ClosedMotion | None:
-    """Return the ClosedMotion of members that are all heavy symmetric tops; None for others."""
-    try:
-        tops = _case(good)
-    except ValueError:  # SceneError too
-        return None
-    return tops if (tops.form > 0).all() else None
-
-
-def symmetric_about_3(tops: ClosedMotion) -> ClosedMotion:
-    """Relabel the axes of heavy symmetric tops so that the symmetry axis is the third."""
-    moments, momentum = tops.moments.copy(), tops.momentum.copy()
-    attitude = tops.attitude.copy()
-    for form in np.unique(tops.form):
-        of = tops.form == form
-        turned = with_axis_third(int(form), moments[of].T, momentum[of].T, attitude[of].T)
-        moments[of], momentum[of], attitude[of] = (v.T for v in turned)
-    return tops._replace(moments=moments, momentum=momentum, attitude=attitude)

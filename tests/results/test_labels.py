@@ -16,12 +16,18 @@ from rigidmc.results.labels import (
     axis_label,
     column_head,
     count_text,
+    in_degrees,
+    in_symbols,
     label_of,
     long_label,
     units_text,
     value_text,
+    with_degrees,
     with_units,
 )
+from rigidmc.scene.derivative_names import parameter_names_of_derivatives
+from rigidmc.scene.library import shipped_names
+from rigidmc.scene.parameters import parameter_names
 
 
 @pytest.mark.parametrize(
@@ -71,15 +77,55 @@ def ds():
 
 
 def test_labels(ds):
-    assert axis_label(ds.momentum, 3) == "momentum_3 [kg m²/s]"
-    assert axis_label(ds.omega, 3) == r"$\omega_3$ [rad/s]"
-    assert axis_label(ds.omega) == r"$\omega$ [rad/s]"
-    assert axis_label(ds.frequency, 10) == r"$\nu_{10}$ [rad/s]"
+    assert axis_label(ds.momentum, 3) == "L₃ [kg m²/s]"
+    assert axis_label(ds.omega, 3) == "ω₃ [rad/s]"
+    assert axis_label(ds.omega) == "ω [rad/s]"
+    assert axis_label(ds.frequency, 10) == "ν₁₀ [rad/s]"
     assert axis_label(ds.flips) == "flips"
     assert column_head(ds.frequency, 1) == "nu_1 [rad/s]"
     assert label_of(ds, " momentum[2]") == axis_label(ds.momentum, 2)
     assert label_of(ds, "flips") == "flips"
     assert long_label(ds.orbit) == "radius; of the orbit [m]"
+
+
+@pytest.mark.parametrize(("name", "shown"), [
+    ("start.omega.3", "ω₃(0)"),
+    ("start_omega[3]", "ω₃(0)"),
+    ("start.attitude.theta.mean", "mean of θ(0)"),
+    ("start.momentum.azimuth", "azimuth of L(0)"),
+    ("body.moments.1", "I₁"),
+    ("body.tensor.1.2", "I₁₂"),
+    ("body.hollow_cylinder.inner", "inner of hollow cylinder"),
+    ("body.box.size.3", "size 3 of box"),
+    ("effects.gravity.g", "g of gravity"),
+    ("effects.rotor.momentum.2", "L₂ of rotor"),
+    ("run.t_end", "end of the run"),
+    ("growth_rate", "growth rate"),
+    ("energy_drift_max", "largest energy drift"),
+    ("p(omega_max[1] >= 0.05)", "p(largest ω₁ ≥ 0.05)"),
+    ("correlation(start_omega[1], flip_first)", "correlation(ω₁(0), first flip)"),
+])  # fmt: skip
+def test_names_are_symbols_or_words_in_pictures(name, shown):
+    assert in_symbols(name) == shown
+
+
+def test_no_parameter_is_a_raw_name_in_pictures():
+    """All names of shipped scenes: symbols or words without dots, all apart."""
+    names = {
+        name
+        for scene in map(rm.Scene.load, shipped_names())
+        for name in (*parameter_names(scene), *parameter_names_of_derivatives(scene))
+    }
+    found = {name: in_symbols(name) for name in names}
+    assert len(found) > 80 and not [one for one in found.values() if re.search(r"[._]", one)]
+    assert len(set(found.values())) == len(found)
+
+
+def test_pictures_have_angles_in_degrees(ds):
+    angle = ds.assign(theta=("axis", np.array([0.0, np.pi, 1.0]), {"units": "rad"}))
+    shown = with_degrees(angle, "theta", "omega")
+    assert axis_label(shown.theta) == "θ [deg]" and shown.theta.values[1] == 180.0
+    assert shown.omega.equals(ds.omega) and in_degrees(2.0, "rad s-1") == (2.0, "rad s-1")
 
 
 def test_values_and_counts(ds):

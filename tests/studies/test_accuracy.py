@@ -16,7 +16,7 @@ from rigidmc.planning.tolerance.truth import make_reference
 from rigidmc.scene.amounts import two_digits
 from rigidmc.studies.accuracy import drift, picture
 from rigidmc.studies.accuracy import work_precision as accuracy
-from tests.axes import unlabelled
+from tests.axes import faults
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 LAGRANGE = rm.Scene(
@@ -232,7 +232,7 @@ def test_every_integrator_has_its_own_style():
 
 def test_pictures(study, drifts, tmp_path):
     figure = picture.work_precision(study)
-    assert not unlabelled(figure)
+    assert faults(figure) == []
     (axes,) = figure.axes
     labels = axes.get_legend_handles_labels()[1]
     assert {"rk4", "rk8", "chin4", "closed", "rk4 in float32", "frontier"} <= set(labels)
@@ -242,7 +242,7 @@ def test_pictures(study, drifts, tmp_path):
     assert np.ptp(to_rgb(frontier.get_color())) < 0.05  # grey
     figure.savefig(tmp_path / "a.png")
     figure = picture.long_drift(drifts)
-    assert not unlabelled(figure)
+    assert faults(figure) == []
     assert [a.get_xlabel() for a in figure.axes] == ["steps", "steps"]
     assert "rk4: linear" in figure.axes[0].get_legend_handles_labels()[1]
     figure.savefig(tmp_path / "b.png")

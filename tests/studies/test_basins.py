@@ -75,7 +75,7 @@ def test_a_run_directory_tells_the_same_also_in_part(tmp_path):
     words = "\n".join(table(three))
     assert "end with omega_last[3] >= 0, not omega_last[3] > 1.5" in words
     left, right = basins_and_shares(three).axes
-    assert left.get_ylabel() == "start.omega.3 [rad/s]" and len(left.collections) == 3
+    assert left.get_ylabel() == "ω₃(0) [rad/s]" and len(left.collections) == 3
     assert right.get_xscale() == right.get_yscale() == "log"
     few = rm.basins(PLANE, UP, 100)
     assert np.isnan(float(few.alpha)) and "add families" in "\n".join(table(few))

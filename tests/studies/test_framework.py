@@ -27,7 +27,7 @@ from rigidmc.studies.framework.options import (
     options_of,
 )
 from rigidmc.studies.framework.tasks import Tasks
-from tests.axes import unlabelled
+from tests.axes import faults
 from tests.studies.examples import command_words, function_of, words_of
 
 INVALID, USAGE = 3, 2
@@ -146,7 +146,7 @@ def test_wrong_options_are_refused(name, here):
 def test_the_picture_draws(name, studied):
     figure = load_study(name).draw(studied(name))
     assert isinstance(figure, Figure)
-    assert not unlabelled(figure)
+    assert faults(figure) == []
 
 
 @pytest.mark.parametrize("name", STUDIES)

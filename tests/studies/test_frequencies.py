@@ -194,8 +194,8 @@ def test_picture():
     scene = rm.Scene(FREE.body, start=start)
     found = rm.frequencies(scene, "omega[2]", members=20, t_end=400.0, dt=0.1, every=0.5)
     axes = frequency_map(found).axes[0]
-    assert axes.get_xlabel() == "start_omega_1 [rad/s]"
-    assert axes.get_ylabel() == r"$\nu_1$ [rad/s]"
+    assert axes.get_xlabel() == "ω₁(0) [rad/s]"
+    assert axes.get_ylabel() == "ν₁ [rad/s]"
     points = axes.collections[0].get_offsets()
     shown = np.isfinite(points[:, 1].filled(np.nan))
     there = np.isfinite(found.frequency.values[0])

@@ -127,7 +127,7 @@ def test_the_ridge_of_a_pendulum_is_the_way_to_the_upright(tmp_path):
     assert again.ftle.equals(whole.ftle) and again.start.equals(whole.start)
     assert "8,000 starts, each changed by 2 parameters" in "\n".join(table(again))
     axes = ftle_field(again).axes[0]
-    assert axes.get_xlabel() == "start.attitude.theta [rad]"
+    assert axes.get_xlabel() == "θ(0) [deg]"
     assert axes.get_ylabel() == "start.omega.1 [rad/s]"
     with pytest.raises(OptionError, match=r"did you mean 'start.omega.1'"):
         ftle_field(again, "start.omega.2")

@@ -317,7 +317,9 @@ def test_sleeping_top_wakes_by_a_hamiltonian_hopf_bifurcation():
     assert found.bifurcation_frequency.values == pytest.approx([critical * 0.75], rel=1e-4)
     assert found.growing.values.tolist() == [[2, 0]]
     assert found.bifurcation_meets.all()  # regular precession ends there
-    assert any("Hamiltonian Hopf of branch 0 with 1" in line for line in table(found))
+    text = "\n".join(table(found))
+    assert "Hamiltonian Hopf of branch 0, which meets branch 1; frequency of its" in text
+    assert "(of the --points, the last before its end at " in text
     figure = eigenvalues(found)  # a branch, a number
     assert {text.get_text() for text in figure.axes[0].texts} == {"0", "1"}
 

@@ -14,7 +14,7 @@ from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.stability_map.question import make_request
 from rigidmc.studies.stability_map.stored import create_map
-from tests.axes import unlabelled
+from tests.axes import faults
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 SCENE = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.4)), start=rm.Start(omega=(1e-3, 1.0, 1e-3)))
@@ -73,9 +73,9 @@ def test_a_stack_may_be_adaptive(stack):
 
 def test_a_stack_has_a_panel_for_each_layer(stack):
     *panels, bar = (drawn := stability_map(stack)).axes
-    assert not unlabelled(drawn)
+    assert faults(drawn) == []
     assert [panel.get_title() for panel in panels] == [
-        f"body.moments.3 = {z:.4g} kg m²" for z in stack.z.values
+        f"I₃ = {z:.4g} kg m²" for z in stack.z.values
     ]
     assert "p(flips >= 1)" in bar.get_ylabel()
     one = stack.isel(z=0).drop_vars("z").assign(computed=stack.good.isel(z=0, drop=True))

@@ -23,7 +23,7 @@ from rigidmc.studies.stability_map import cases
 from rigidmc.studies.stability_map.case import _FILES, MAPS, case_map
 from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.until import simulate_until
-from tests.axes import unlabelled
+from tests.axes import faults
 
 SIDE, EACH = 12, 4
 # of steps of 1.2 rad, which rk8 takes
@@ -110,8 +110,8 @@ def test_the_picture_has_axes_units_and_a_legend(flips, tmp_path):
     figure = stability_map(flips)
     axes, bar = figure.axes
     assert (
-        axes.get_xlabel() == "I$_1$/I$_2$"
-        and axes.get_ylabel() == "I$_3$/I$_2$"
+        axes.get_xlabel() == "I₁, with I₂ = 1 [kg m²]"
+        and axes.get_ylabel() == "I₃, with I₂ = 1 [kg m²]"
         and "[1/s]" in bar.get_ylabel()
     )
     words = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
@@ -120,8 +120,8 @@ def test_the_picture_has_axes_units_and_a_legend(flips, tmp_path):
     assert (tmp_path / "map.png").stat().st_size > 10_000
     bare = flips.assign_attrs(map="none").drop_vars(["rate", "theory"])
     axes, bar = (drawn := stability_map(bare)).axes
-    assert not unlabelled(drawn) and not unlabelled(figure)
-    assert axes.get_xlabel() == "body.moments.1 [kg m²]" and "mean(flips)" in bar.get_ylabel()
+    assert faults(drawn) == [] and faults(figure) == []
+    assert axes.get_xlabel() == "I₁ [kg m²]" and "mean(flips)" in bar.get_ylabel()
     failed = bare.assign(
         failed=bare.failed.copy(data=np.where(bare.none.values == 0, EACH, 0)), good=bare.good * 0
     )

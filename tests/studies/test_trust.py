@@ -8,7 +8,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.studies.stress import picture, trust
-from tests.axes import unlabelled
+from tests.axes import faults
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 LAGRANGE = rm.Scene(
@@ -49,7 +49,7 @@ def test_a_good_scene_is_trusted_as_far_as_it_is_true(good):
     assert not trust.has_failed(good)
     assert "verdict" in trust.table(good)[-1]
     figure = picture.trust(good)
-    assert len(figure.axes[0].lines) == 8 and not unlabelled(figure)
+    assert len(figure.axes[0].lines) == 8 and faults(figure) == []
 
 
 def test_a_long_step_is_seen():

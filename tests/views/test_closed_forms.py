@@ -16,7 +16,7 @@ from rigidmc.views.closed_forms import (
     lagrange_summary,
     mean_rate,
 )
-from tests.axes import unlabelled
+from tests.axes import faults
 
 SCENE = rm.Scene.load("heavy_top").with_run(members=1)
 MOMENTS, THETA, SPIN = np.array(SCENE.body.moments), 0.4, 200.0
@@ -34,15 +34,15 @@ def test_the_potential_of_a_steady_top_is_a_well():
     inside = theta[(u > low) & (u < high)]
     # 0.8 degrees are drawn; before, the height was 1e-12 of the energy and the well a line
     assert np.ptp(inside) > 0.5  # measured 0.59
-    assert not unlabelled(axes.figure)
+    assert faults(axes.figure) == []
     assert axes.yaxis.get_offset_text().get_text() == ""
 
 
 def test_every_axis_has_a_label():
     momentum = MOMENTS * (0.0, 3.0, SPIN)
-    assert not unlabelled(lagrange_summary(MOMENTS, WEIGHT, momentum, ATTITUDE))
+    assert faults(lagrange_summary(MOMENTS, WEIGHT, momentum, ATTITUDE)) == []
     moments = np.array(rm.Scene.load("dzhanibekov").body.moments)
-    assert not unlabelled(free_summary(moments, moments * (0.01, 6.28, 0.0), ATTITUDE, 6.0))
+    assert faults(free_summary(moments, moments * (0.01, 6.28, 0.0), ATTITUDE, 6.0)) == []
 
 
 def test_the_mean_rate_of_four_nutations_is_close_to_the_true_rate():

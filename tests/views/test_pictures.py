@@ -21,7 +21,7 @@ from rigidmc.views import PICTURES, ensemble, globes, sphere
 from rigidmc.views.descriptions import describe_body
 from rigidmc.views.quadric import EYE, TOWARD, Quadric, screen
 from rigidmc.views.sample import DRAWN, MEMBERS, TIMES, omega_or_momentum, thin_result
-from tests.axes import unlabelled
+from tests.axes import faults
 
 MOMENTS = (1.0, 2.0, 3.0)
 STATES = {"omega": "axis", "attitude": "quat"}
@@ -123,7 +123,7 @@ def test_every_axis_has_a_label(name, free, ends, tops):
     for ds in (free, ends, tops):
         lacking = {"trajectory": ds is not tops, "middle_component": ds is ends}
         if not lacking.get(name):
-            assert not unlabelled(views.picture(name)(ds))
+            assert faults(views.picture(name)(ds)) == []
 
 
 def curves(figure, label):
@@ -141,8 +141,8 @@ def test_momentum_density_shows_axes_paths_and_separatrices(free):
     axes, bar = figure.axes
     assert len(axes.images) == 1
     assert [text.get_text() for text in axes.texts] == ["3", "1", "2"]  # the middle axis is up
-    assert set(legend(axes)) == {"separatrix", "single members"}
-    assert bar.get_ylabel() == "density (isotropic: 1)"
+    assert set(legend(axes)) == {"other energies", "separatrix", "single members"}
+    assert bar.get_ylabel() == "saved states, isotropic: 1"  # no scene, so no closed form
     words = "Direction of the angular momentum in body axes, t = 0 to 45 s"
     assert axes.get_title().replace("\n", " ") == words
     assert figure.get_suptitle() == "flips: 400 members, rk4, dt = 0.05 s, seed 7"
@@ -226,7 +226,7 @@ def test_middle_component_has_bands_units_and_a_few_members(free):
     figure = draw(ensemble.middle_component(free))
     (axes,) = figure.axes
     assert axes.get_xlabel() == "time [s]"
-    assert axes.get_ylabel() == "$\\omega_2$ [rad/s]"
+    assert axes.get_ylabel() == "ω₂ [rad/s]"
     assert legend(axes) == ["5 to 95 %", "25 to 75 %", "median", "single members"]
     median, *few = axes.lines
     assert len(few) == DRAWN
@@ -240,7 +240,7 @@ def test_middle_component_follows_the_middle_moment_of_each_member(free):
     mixed["moments"][:, 200:] = np.array([2.0, 1.0, 3.0])[:, None]
     mixed["omega"][:, :, 200:] = mixed.omega.values[:, [1, 0, 2], 200:]
     (axes,) = ensemble.middle_component(mixed).axes
-    assert axes.get_ylabel() == "$\\omega_\\mathrm{mid}$ [rad/s]"
+    assert axes.get_ylabel() == "ω about the middle axis [rad/s]"
     assert np.array_equal(axes.lines[0].get_ydata(), np.median(free.omega.sel(axis=2), axis=1))
     assert "separatrices" not in legend(globes.momentum_density(mixed).axes[0])  # not one body
 
@@ -265,7 +265,9 @@ def test_pictures_in_principal_axes_do_not_depend_on_the_axes_of_the_description
         apart = [np.abs(a - b).max() for a, b in zip(one, other, strict=True)]
         assert max(apart) < 1e-13  # measured 1.3e-15
     labels = [ensemble.middle_component(ds).axes[0].get_ylabel() for ds in results]
-    assert "mid" in labels[0] and "mid" not in labels[1]  # the number is one of principal axes
+    assert (
+        "middle" in labels[0] and "middle" not in labels[1]
+    )  # the number is one of principal axes
 
 
 def test_symmetric_tops_are_seen_along_their_symmetry_axis(free):
@@ -301,14 +303,14 @@ def test_drift_histogram_marks_median_worst_and_zeros(free):
     assert axes.get_xscale() == "log"
     energy, l2 = legend(axes)
     assert energy == "E: median (¦) 3.2e-13, worst (▾) 1.0e-11; 3 members at 0"
-    assert l2 == "$|L|^2$: median (¦) 6.3e-13, worst (▾) 2.0e-11"
+    assert l2 == "|L|²: median (¦) 6.3e-13, worst (▾) 2.0e-11"
     assert [patch.get_data().values.sum() for patch in axes.patches] == [397, 400]
     assert "conserved" not in axes.get_title()
 
 
 def test_drift_histogram_says_what_is_not_conserved(tops):
     title = draw(ensemble.drift_histogram(tops)).axes[0].get_title()
-    assert title.replace("\n", " ").endswith("$|L|^2$ is not conserved: gravity exerts a torque")
+    assert title.replace("\n", " ").endswith("|L|² is not conserved: gravity exerts a torque")
     assert "E is" not in title
 
 
@@ -379,7 +381,7 @@ def test_summary_of_a_few_members_draws_lines():
     figure = draw(ensemble.summary(ds))
     series = next(axes for axes in figure.axes if axes.get_xlabel().startswith("time"))
     assert series.get_xlabel() == "time [$10^{8}$ s]"
-    assert series.get_ylabel() == "$\\omega_2$ [$10^{-7}$ rad/s]"
+    assert series.get_ylabel() == "ω₂ [$10^{-7}$ rad/s]"
     labels = {line.get_label() for line in series.lines}
     assert {"member 0, drawn above", "member 1", "member 2"} <= labels
     assert not series.collections  # no band

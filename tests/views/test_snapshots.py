@@ -5,6 +5,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.mechanics.rotation import to_space
+from rigidmc.planning.turns import MOST
 from rigidmc.views import snapshots
 from rigidmc.views.ensemble import summary
 from rigidmc.views.snapshots import COUNT, body_place, flight
@@ -13,10 +14,25 @@ from rigidmc.views.snapshots import COUNT, body_place, flight
 def test_the_instants_cover_the_first_flip_or_the_run():
     t = np.linspace(0.0, 10.0, 2001)
     flips = np.tanh(4.0 * (3.0 - t)) * np.tanh(4.0 * (t - 8.0)) * -1.0  # at 3 s and 8 s
-    found = snapshots._instants(t, flips, True)
+    found = snapshots._instants(t, flips, True, np.inf)
     assert len(found) == COUNT and found[0] < 2.6 and 3.4 < found[-1] < 5.0
     for value, is_rate in ((flips, False), (1.0 + 0.0 * t, True)):
-        assert snapshots._instants(t, value, is_rate) == pytest.approx(np.linspace(0.0, 10.0, 8))
+        found = snapshots._instants(t, value, is_rate, np.inf)
+        assert found == pytest.approx(np.linspace(0.0, 10.0, 8))
+
+
+@pytest.mark.parametrize("rate", [0.1, 1.0, 4.0, 30.0])
+def test_instants_do_not_alias_an_oscillation(rate):
+    """Eight instants over a run show an oscillation at 2 rad of it or less."""
+    t, still = np.linspace(0.0, 10.0, 20001), np.tile([0.0, 0.0, 1.0], (20001, 1))
+    value = 25.0 + 3.0 * np.sin(rate * t)
+    fastest = snapshots._rate(t, value, still)
+    # a cut oscillation has a smaller swing, so its rate is overestimated; measured 0.0
+    assert fastest > rate * (1.0 - 1e-6)
+    between = np.diff(snapshots._instants(t, value, False, MOST / fastest))
+    assert (between * rate <= MOST * (1.0 + 1e-6)).all()
+    whole = rate <= 1.0 and MOST / fastest * (COUNT - 1) >= 10.0
+    assert (np.isclose(between.sum(), 10.0)) == whole
 
 
 @pytest.mark.slow  # 4 s, to compile

@@ -41,7 +41,7 @@ def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     what = f"error of momentum [relative] and {with_units('attitude', 'rad')}"
     axes.set(xscale="log", yscale="log", xlabel=f"{what}, upper bound for 99 % of the members")
     axes.set_ylabel(
-        f"members to t_end per second on {count_text(study.attrs['threads'], 'thread')}"
+        f"members to the end per second on {count_text(study.attrs['threads'], 'thread')}"
     )
     axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: two_digits(v)))
     axes.invert_xaxis()
@@ -130,8 +130,8 @@ def long_drift(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     """
     words = {
         "energy": "energy / energies involved",
-        "l2": "|L|$^2$, relative",
-        "lz": "L$_z$ / |L|",
+        "l2": "|L|², relative",
+        "lz": "L_z / |L|",
     }
     shown = [name for name in words if study.attrs[f"{name}_conserved"] == "yes"]
     steps = f"{study.step.values[-1]:,} steps of {study.attrs['dt']:.3g} s"

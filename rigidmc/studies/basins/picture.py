@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rigidmc.figures import CORE, INK, LIGHT, MARKERS, MEDIAN, PATH, legend_above, new_figure
-from rigidmc.results.labels import with_units
+from rigidmc.results.labels import in_degrees, in_symbols, with_units
 from rigidmc.studies.basins.study import basin_names, fitted_line
 
 BASINS = (MEDIAN, "#fdd49e", PATH, CORE, "#777777", "#2a9d6f")  # dark and light in turn
@@ -34,15 +34,18 @@ def _plane(axes: Axes, study: xr.Dataset) -> None:
     """Draw the starts, coloured by the basin in which they end."""
     basin, start = study.basin.values, study.start.values
     size = float(np.clip(60000.0 / max(1, basin.size), 1.0, 40.0))  # [pt2] of 130,000
+    (across, unit), (up, other) = (
+        in_degrees(start[:, k], str(study.units.values[k])) for k in range(2)
+    )
     for i, (one, text) in enumerate(basin_names(study).items()):
         there = basin == one
         axes.scatter(
-            start[there, 0], start[there, 1], s=size, marker="s", linewidths=0.0,
+            across[there], up[there], s=size, marker="s", linewidths=0.0,
             color=BASINS[i % len(BASINS)], rasterized=True,
-            label=fill(f"{text}: {there.mean():.1%}", 50),
+            label=fill(f"{in_symbols(text)}: {there.mean():.1%}", 50),
         )  # fmt: skip
-    across, up = map(with_units, study.number.values, study.units.values)
-    axes.set(xlabel=across, ylabel=up)
+    names = [in_symbols(str(name)) for name in study.number.values]
+    axes.set(xlabel=with_units(names[0], unit), ylabel=with_units(names[1], other))
     legend_above(axes, 1)
 
 
@@ -58,12 +61,12 @@ def _shares(axes: Axes, study: xr.Dataset) -> None:
     alpha = float(study.alpha)
     if np.isfinite(alpha):
         half = 0.5 * float(study.alpha_high - study.alpha_low)
-        words = rf"$\epsilon^\alpha$, $\alpha$ = {alpha:.3f} $\pm$ {half:.3f}"
+        words = f"ε^α, α = {alpha:.3f} ± {half:.3f}"
         axes.plot(distance, fitted_line(study)[there], color=PATH, lw=1.6, label=words)
     axes.axhline(study.attrs["largest"], color=INK, ls="--", lw=1.0, label="independent ends")
     axes.set(xscale="log", yscale="log")
     axes.set_ylim(top=1.2 * study.attrs["largest"])
-    axes.set_xlabel(r"distance $\epsilon$ between two starts, in probability")
+    axes.set_xlabel("distance ε between two starts, in probability")
     axes.set_ylabel("uncertain fraction")
     axes.grid(True, which="both", lw=0.3, color=LIGHT)
     axes.set_axisbelow(True)

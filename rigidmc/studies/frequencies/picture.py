@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
 from rigidmc.figures import LIGHT, VALUES, figure_of, new_figure
-from rigidmc.results.labels import label_of
+from rigidmc.results.labels import in_symbols, label_of, with_degrees
 
 LOWEST = 1e-14  # changes below it are rounding, and drawn as this
 FREQUENCY = "frequency[1]"
@@ -25,6 +25,9 @@ def frequency_map(
     Dark members are regular, bright ones chaotic. Raises OptionError for a quantity that the study
     does not have.
     """
+    study = with_degrees(
+        study, *(str(n) for n, one in study.data_vars.items() if one.dtype == "f8")
+    )
     known = _known(study)
     spread = {
         # avoid division by zero for values that are all 0
@@ -38,7 +41,7 @@ def frequency_map(
             rule = f"is not a quantity of the study; known: {', '.join(known)}"
             raise OptionError(rule, at="x and y", value=name, nearest=nearest(name, known))
     good = study.status.values == 0
-    title = f"{study.attrs['title']}: frequencies of {study.attrs['of']}"
+    title = f"{study.attrs['title']}: frequencies of {in_symbols(study.attrs['of'])}"
     figure = figure or new_figure(title, (7.4, 5.4))
     axes = figure.add_subplot()
     change = np.log10(np.maximum(study.change.values[good], LOWEST))
@@ -54,7 +57,7 @@ def frequency_map(
     axes.grid(True, lw=0.3, color=LIGHT)
     axes.set_axisbelow(True)
     bar = figure.colorbar(dots, ax=axes, extend="min")
-    bar.set_label("log10 of the change of the first frequency between halves")
+    bar.set_label("log₁₀ of the relative change of ν₁ between the halves")
     return figure_of(axes)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from rigidmc.errors import OptionError, nearest
 from rigidmc.figures import VALUES, figure_of, new_figure
-from rigidmc.results.labels import with_units
+from rigidmc.results.labels import in_degrees, in_symbols, with_units
 
 Array = NDArray[np.float64]
 PIXELS = 500  # most pixels per side
@@ -43,8 +43,12 @@ def ftle_field(
     figure = figure or new_figure(title, (8.2, 6.2))
     axes, values = figure.add_subplot(), study.ftle.values
     order = np.argsort(values)[: int(np.isfinite(values).sum())]
-    places = [study.start.sel(number=name).values[order] for name in names]
-    labels = [with_units(n, study.units.sel(number=n).item()) for n in names]
+    places, labels = [], []
+    for number in names:
+        one = study.sel(number=number)
+        values_of, unit = in_degrees(one.start.values[order], one.units.item())
+        places.append(values_of)
+        labels.append(with_units(in_symbols(number), unit))
     exponent = f"{study.ftle.attrs['long_name']} over {time}"
     words = with_units(exponent, study.ftle.attrs["units"])
     axes.set_xlabel(labels[0])

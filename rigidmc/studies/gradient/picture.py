@@ -5,7 +5,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from rigidmc.figures import COLOURS, GREY, figure_of, new_figure
-from rigidmc.results.labels import with_units
+from rigidmc.results.labels import in_symbols, with_units
 from rigidmc.scene.derivatives import quotient
 
 
@@ -29,9 +29,9 @@ def gradient_bars(study: xr.Dataset, figure: Figure | None = None) -> Figure:
         axes.axvline(0.0, lw=0.5, color=GREY)
         unit = str(one.unit.item())
         units = [quotient(unit, str(by)) for by in study.parameter_unit.values]
-        labels = [with_units(n, by) for n, by in zip(names, units, strict=True)]
+        labels = [with_units(in_symbols(n), by) for n, by in zip(names, units, strict=True)]
         axes.set_yticks(places, labels)
         axes.set_ylim(places[-1] - 0.6, 0.6)
-        axes.set_xlabel(f"derivative of {text}")
+        axes.set_xlabel(f"derivative of {in_symbols(text)}")
         axes.set_ylabel("parameter")
     return figure_of(axes)

@@ -20,7 +20,13 @@ from rigidmc.figures import (
     legend_above,
     new_figure,
 )
-from rigidmc.results.labels import column_head, count_text, long_label
+from rigidmc.results.labels import (
+    axis_label,
+    count_text,
+    in_symbols,
+    long_label,
+    with_degrees,
+)
 from rigidmc.studies.linearise.stability import MOTION
 
 UNSTABLE = ("saddle", "unstable spiral")
@@ -95,7 +101,8 @@ def _groups(rows: NDArray[Any]) -> list[list[int]]:
 
 def _branches(study: xr.Dataset) -> Figure:
     """Draw branches along a parameter."""
-    title = f"{study.attrs['title']}: steady motions along {study.attrs['along']}"
+    study = with_degrees(study, "value", "bifurcation_value")
+    title = f"{study.attrs['title']}: steady motions along {in_symbols(study.attrs['along'])}"
     figure = new_figure(title, (7.2, 7.8))
     panels = figure.subplots(3, 1, sharex=True)
     own = np.where(study.origin.values == MOTION, study.growth + 1j * study.frequency, np.nan)
@@ -108,14 +115,14 @@ def _branches(study: xr.Dataset) -> Figure:
         onsets = np.sort(study.bifurcation_value.values[of_branch])
         _draw_branch(panels, study.isel(branch=alike[0]), k, onsets)
     for axes, name in zip(panels, ("energy", "growth_rate", "frequency"), strict=True):
-        axes.set_ylabel(column_head(study[name]))
+        axes.set_ylabel(axis_label(study[name]))
         for value in study.bifurcation_value.values:
             axes.axvline(value, color=ALARM, lw=0.8, ls=":", zorder=0)
     _mark_bifurcations(panels[0], study)
     _name_branches(panels[0], study, groups)
     panels[2].set_xlabel(long_label(study.value))
-    panels[1].plot([], [], color=INK, lw=2.4, label="no change grows")
-    panels[1].plot([], [], color=INK, lw=1.0, ls="--", label="a change grows")
+    panels[1].plot([], [], color=COLOURS[0], lw=2.4, label="no change grows")
+    panels[1].plot([], [], color=COLOURS[0], lw=1.0, ls="--", label="a change grows")
     panels[1].legend(fontsize=8, frameon=False, ncols=2)
     if study.sizes["bifurcation"]:
         legend_above(panels[0], 4)

@@ -305,13 +305,25 @@ def _table_along(study: xr.Dataset) -> list[str]:
     ]
     for k in range(study.sizes["branch"]):
         words = study.stability.values[k]
-        first, last = np.flatnonzero(words != "")[[0, -1]]
         runs = [w for i, w in enumerate(words) if w and (i == 0 or w != words[i - 1])]
-        span = " to ".join(value_text(float(value[i]), value) for i in (first, last))
-        lines.append(f"  branch {k}: {span}: {', then '.join(runs)}")
+        lines.append(f"  branch {k}: {_span(study, k)}: {', then '.join(runs)}")
     for k in range(study.sizes["bifurcation"]):
         lines.append(f"  {_bifurcation_text(study.isel(bifurcation=k), value)}")
     return lines
+
+
+def _span(study: xr.Dataset, k: int) -> str:
+    """Return the first and last value of branch k, and why it has no value beyond them."""
+    value, why = study.value, []
+    first, last = map(int, np.flatnonzero(study.stability.values[k] != "")[[0, -1]])
+    meets = study.bifurcation_value.values[study.bifurcation_meets.values[:, k]]
+    for at, beyond, word in ((first, first - 1, "first after"), (last, last + 1, "last before")):
+        low, high = np.sort(value.values[[at, beyond % value.size]])
+        ends = meets[(meets >= low) & (meets <= high)]
+        if 0 <= beyond < value.size and ends.size:
+            why.append(f"the {word} its end at {value_text(float(ends[0]), value, 10)}")
+    span = " to ".join(value_text(float(value[i]), value) for i in (first, last))
+    return span + f" (of the --points, {' and '.join(why)})" * bool(why)
 
 
 def _bifurcation_text(one: xr.Dataset, value: xr.DataArray) -> str:
@@ -321,14 +333,15 @@ def _bifurcation_text(one: xr.Dataset, value: xr.DataArray) -> str:
     others = [int(i) for i in np.flatnonzero(one.bifurcation_meets.values) if i != branch]
     text = f"{where}: {kind} of branch {branch}"
     if others:
-        text += f" with {' and '.join(map(str, others))}"
+        branches = "branch" if len(others) == 1 else "branches"
+        text += f", which meets {branches} {' and '.join(map(str, others))}"
     frequency = float(one.bifurcation_frequency)
     if np.isnan(frequency):
         return text
     if frequency:
-        text += f" at {value_text(frequency, one.bifurcation_frequency)}"
+        text += f"; frequency of its eigenvalue {value_text(frequency, one.bifurcation_frequency)}"
     below, above = one.growing.values
-    return f"{text} (growing changes: {below} below, {above} above)"
+    return f"{text}; growing changes: {below} below, {above} above"
 
 
 linearise = Study(

@@ -7,7 +7,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from rigidmc.figures import COLOURS, LIGHT, figure_of, legend_above, new_figure
-from rigidmc.results.labels import long_label
+from rigidmc.results.labels import in_symbols, long_label
 
 LOWEST = 1e-32  # indices below it are drawn as this
 
@@ -24,7 +24,7 @@ def lyapunov_spectrum(study: xr.Dataset, figure: Figure | None = None) -> Figure
     figure = figure or new_figure(f"{study.attrs['title']}: Lyapunov spectrum", (10.0, 4.6))
     left, right = figure.subplots(1, 2)
     for i, colour in zip(study.exponent.values, COLOURS, strict=False):
-        _draw(left, study.exponents.sel(exponent=i), f"{i}", colour)
+        _draw(left, study.exponents.sel(exponent=i), in_symbols(f"lambda[{i}]"), colour)
     left.set_ylabel(long_label(study.exponents))
     for k, colour in zip(study.k.values, COLOURS[1:], strict=False):
         _draw(right, np.maximum(study.gali.sel(k=k), LOWEST), f"GALI {k}", colour)

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from rigidmc.figures import CORE, GREY, INK, LIGHT, MEDIAN, PATH, figure_of, new_figure
-from rigidmc.results.labels import with_units
+from rigidmc.results.labels import in_symbols, with_units
 from rigidmc.studies.multilevel.corrections import interval_cost
 from rigidmc.studies.multilevel.study import plain_members, read_levels
 
@@ -18,7 +18,7 @@ def multilevel_levels(study: xr.Dataset, figure: Figure | None = None) -> Figure
 
     study : the Dataset of `rigidmc.multilevel`
     """
-    title = f"{study.attrs['title']}: {study.attrs['measure']} by levels of steps"
+    title = f"{study.attrs['title']}: {in_symbols(study.attrs['measure'])} by levels of steps"
     figure = figure or new_figure(title, (11.0, 3.8))
     axes = figure.subplots(1, 3)
     _corrections(axes[0], study)
@@ -71,7 +71,7 @@ def _costs(axes: Axes, study: xr.Dataset) -> None:
     levels, order, confidence = read_levels(study), study.attrs["order"], study.attrs["confidence"]
     ours = [interval_cost(levels, order, width, confidence) for width in widths]
     theirs = [plain_members(study, width).cost for width in widths]
-    axes.plot(ours, widths, "-", color=MEDIAN, lw=1.2, label="by levels, width$^{-2}$")
+    axes.plot(ours, widths, "-", color=MEDIAN, lw=1.2, label="by levels, width⁻²")
     axes.plot(theirs, widths, "--", color=PATH, lw=1.2, label="plain members, best step")
     axes.set_xscale("log")
     axes.set_yscale("log")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
 from rigidmc.figures import COLOURS, GREY, INK, LIGHT, add_title, figure_of, new_figure
-from rigidmc.results.labels import with_units
+from rigidmc.results.labels import in_degrees, in_symbols, with_units
 
 Array = NDArray[np.float64]
 SIGMAS = 1.0, 2.0
@@ -42,8 +42,10 @@ def covariance_ellipses(
     columns = math.ceil(math.sqrt(count))
     title = f"{study.attrs['title']}: linear covariance and ensemble"
     figure = figure or new_figure(title, (8.2, 7.0))
-    units = dict(zip(rows, map(str, study.unit.values), strict=True))
-    labels = [with_units(f"change of {name}", units[name]) for name in (x, y)]
+    study, labels = _with_degrees(study), []
+    for name in (x, y):
+        _, unit = in_degrees(0.0, str(study.unit.sel(row=name).item()))
+        labels.append(with_units(f"change of {in_symbols(name)}", unit))
     for k in range(count):
         axes = figure.add_subplot(-(-count // columns), columns, k + 1)
         _panel(axes, study.isel(sample_time=k), x, y)
@@ -51,6 +53,16 @@ def covariance_ellipses(
     named = axes.get_legend_handles_labels()
     figure.legend(*named, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     return figure_of(axes)
+
+
+def _with_degrees(study: xr.Dataset) -> xr.Dataset:
+    """Return a study with changes of angles in degrees."""
+    scale = [in_degrees(1.0, str(unit))[0] for unit in study.unit.values]
+    by_row, by_column = (xr.DataArray(scale, dims=dim) for dim in ("row", "column"))
+    changed = {name: study[name] * by_row for name in ("sample", "bias")}
+    for name in ("covariance", "sample_covariance"):
+        changed[name] = study[name] * by_row * by_column
+    return study.assign(changed)
 
 
 def _panel(axes: Axes, study: xr.Dataset, x: str, y: str) -> None:

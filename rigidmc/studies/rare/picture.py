@@ -1,11 +1,13 @@
 """The picture of a study of a rare event: the probability as it falls towards the event."""
 
+import re
+
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
 from rigidmc.figures import CORE, INK, LIGHT, figure_of, legend_above, new_figure
-from rigidmc.results.labels import with_units
+from rigidmc.results.labels import in_degrees, in_symbols, with_units
 
 
 def rare_curve(study: xr.Dataset, figure: Figure | None = None) -> Figure:
@@ -15,11 +17,12 @@ def rare_curve(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     study : the Dataset of `rigidmc.rare`
     """
     of, graded = study.attrs["of"], study.attrs["graded"]
-    figure = figure or new_figure(f"{study.attrs['title']}: {of}", (7.0, 5.0))
+    figure = figure or new_figure(f"{study.attrs['title']}: {in_symbols(of)}", (7.0, 5.0))
     axes = figure.add_subplot()
-    goal = float(study.attrs["goal"])
+    scale, units = in_degrees(1.0, study.score.attrs["units"])
+    goal = scale * float(study.attrs["goal"])
     for row in range(study.sizes["repetition"]):
-        score, share = study.score.values[row], study.share.values[row]
+        score, share = scale * study.score.values[row], study.share.values[row]
         p = float(study.probability.values[row])
         there = np.isfinite(score)
         x, y = score[there], share[there]
@@ -32,18 +35,19 @@ def rare_curve(study: xr.Dataset, figure: Figure | None = None) -> Figure:
         ends = [[p - max(low, 0.01 * p)], [high - p]]
         axes.errorbar(
             [goal], [p], yerr=ends, fmt="o", color=INK, ms=4.0, capsize=3.0, zorder=5,
-            label=f"{of} = {p:.3g}",
+            label=f"{in_symbols(of)} = {p:.3g}",
         )  # fmt: skip
     axes.set_yscale("log")
-    axes.set_xlabel(with_units(_named(graded, goal), study.score.attrs["units"]))
+    axes.set_xlabel(with_units(_named(of, graded, goal), units))
     axes.set_ylabel("probability of passing the level")
     axes.grid(True, lw=0.3, color=LIGHT)
     legend_above(axes, 2)
     return figure_of(axes)
 
 
-def _named(graded: str, goal: float) -> str:
+def _named(of: str, graded: str, goal: float) -> str:
     """Return the label of the axis of levels."""
     if graded == "score":
         return f"score: events so far + 1/(1 + distance to the next); the event is at {goal:g}"
-    return f"{graded}: level to pass"
+    name = in_symbols(re.split("[<>|]", of.removeprefix("p("))[0].strip())
+    return f"{name}: level to pass; the event is at {goal:g}"

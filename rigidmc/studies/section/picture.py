@@ -1,6 +1,7 @@
 """The picture of a Poincare section."""
 
 import re
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -8,12 +9,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
-from rigidmc.figures import COLOURS, INK, LIGHT, figure_of, new_figure
+from rigidmc.figures import COLOURS, INK, LIGHT, VALUES, add_title, figure_of, new_figure
 from rigidmc.mechanics.rotation import euler
-from rigidmc.results.labels import label_of, with_units
+from rigidmc.results.labels import axis_label, in_symbols, label_of, with_degrees, with_units
 
 EULER = ("phi", "theta", "psi")
 FEW = len(COLOURS)  # most members with separate colours
+SAME, KEPT = 1e-6, 0.01  # energies that are equal, relative; kept, relative to their differences
 POINTS = 400_000  # most points drawn; they fill the picture
 _NAME = re.compile(r"(?P<name>\w+)(\[(?P<component>\w+)\])?")
 
@@ -25,51 +27,82 @@ def section_points(
 
     study : the Dataset of `rigidmc.section`
     x, y : such as "momentum[2]" or an Euler angle "theta"; by default the two other components of
-        the vector that defines the section, or two of the angular velocity or momentum
+        the vector that defines the section, or two of the angular velocity or momentum; theta in
+        place of a component that does not vary
 
-    Up to ten members have separate colours. Raises OptionError for a quantity that the section does
-    not have.
+    Curves of one energy do not cross. If each member keeps its energy and these differ, colours
+    show the energies; else up to ten members have separate colours. Raises OptionError for a
+    quantity that the section does not have.
     """
+    study = with_degrees(study, *map(str, study.data_vars))
     names = _chosen(study, x, y)
     values = [_values(study, name) for name in names]
     way = {"rises": ", rising", "falls": ", falling"}.get(study.attrs["way"], "")
-    title = f"{study.attrs['title']}: {study.attrs['at']}{way}"
+    title = f"{study.attrs['title']}: {in_symbols(study.attrs['at'])}{way}"
     figure = figure or new_figure(title, (7.0, 5.6))
     axes = figure.add_subplot()
     members = study.member.values
     every = max(1, -(-members.size // POINTS))
     size = float(np.clip(3000.0 / max(1, members.size), 0.15, 6.0))
+    style: dict[str, Any] = {"s": size, "linewidths": 0.0, "rasterized": True}
     own = np.unique(members)
-    groups = [members == one for one in own] if own.size <= FEW else [np.full(members.size, True)]
-    for k, group in enumerate(groups):
-        colour = COLOURS[k] if len(groups) > 1 else INK
-        across, up = (one[group][::every] for one in values)
-        axes.scatter(across, up, s=size, color=colour, linewidths=0.0, rasterized=True)
-    across, up = (
-        with_units(f"Euler angle {name}", "rad") if name in EULER else label_of(study, name)
-        for name in names
-    )
-    axes.set(xlabel=across, ylabel=up)
+    if differ_in_energy(study):
+        across, up, energy = (one[::every] for one in (*values, study.energy.values))
+        dots = axes.scatter(across, up, c=energy, cmap=VALUES, **style)
+        figure.colorbar(dots, ax=axes).set_label(axis_label(study.energy))
+        add_title(axes, "colours: energies; curves of different energies may cross")
+    elif own.size <= FEW:
+        for k, member in enumerate(own):
+            there = np.flatnonzero(members == member)[::every]
+            axes.scatter(*(one[there] for one in values), color=COLOURS[k], **style)
+        add_title(axes, "colours: members")
+    else:
+        axes.scatter(*(one[::every] for one in values), color=INK, **style)
+    axes.set(**{
+        key: with_units(in_symbols(name), "deg") if name in EULER else label_of(study, name)
+        for key, name in zip(("xlabel", "ylabel"), names, strict=True)
+    })  # fmt: skip
     axes.grid(True, lw=0.3, color=LIGHT)
     axes.set_axisbelow(True)
     return figure_of(axes)
 
 
+def differ_in_energy(study: xr.Dataset) -> bool:
+    """Return whether each member keeps its energy at all points, and these energies differ."""
+    if "energy" not in study or not study.sizes["point"]:  # of a result without it
+        return False
+    energy = study.energy.values
+    own = np.unique(study.member.values, return_inverse=True)[1]
+    low, high = np.full(own.max() + 1, np.inf), np.full(own.max() + 1, -np.inf)
+    np.minimum.at(low, own, energy)
+    np.maximum.at(high, own, energy)
+    apart = float(np.ptp(low))
+    return apart > SAME * np.abs(energy).max() and float((high - low).max()) < KEPT * apart
+
+
 def _chosen(study: xr.Dataset, x: str | None, y: str | None) -> tuple[str, str]:
-    """Return the names of both axes."""
+    """Return the names of both axes; by default of components that vary, else of angles."""
     match = _NAME.match(study.attrs["at"])
     name = match["name"] if match else ""
     vector = name if name in study and study[name].dims[:1] == ("axis",) else ""
     vector = vector or ("omega" if "omega" in study else "momentum")
     crossed = match["component"] if match and vector == name else "3"
-    first, second = (f"{vector}[{i}]" for i in (1, 2, 3) if str(i) != crossed)
+    known = [f"{vector}[{i}]" for i in (1, 2, 3) if str(i) != crossed]
+    values = np.stack([_values(study, name) for name in known])
+    size = SAME * np.abs(values).max(initial=0.0)
+    vary = [
+        name for name, one in zip(known, values, strict=True) if one.size and np.ptp(one) > size
+    ]
+    first, second = (vary[0], "theta") if len(vary) == 1 else known
     return x or first, y or second
 
 
 def _values(study: xr.Dataset, text: str) -> NDArray[np.float64]:
     """Return the values of one axis; OptionError."""
     if text in EULER and "attitude" in study:
-        return euler(study.attitude.transpose("point", "quat").values)[:, EULER.index(text)]
+        return np.degrees(
+            euler(study.attitude.transpose("point", "quat").values)[:, EULER.index(text)]
+        )
     match = _NAME.fullmatch(text.strip())
     name, component = (match["name"], match["component"]) if match else (text, None)
     known = [*(str(n) for n, v in study.data_vars.items() if "point" in v.dims), *EULER]

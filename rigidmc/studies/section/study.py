@@ -12,8 +12,8 @@ Source: Henon, Physica D 5 (1982) 412; Chandrupatla, Adv. Eng. Softw. 28 (1997) 
 Returns
 -------
 xarray.Dataset
-    over point, in the order of members and times: `member`, `time`, attitude, momentum, and
-    the variables that the scene saves; the attribute `lost` is the number of crossings not
+    over point, in the order of members and times: `member`, `time`, attitude, momentum, energy,
+    and the variables that the scene saves; the attribute `lost` is the number of crossings not
     found because steps between saves did not converge
 
 Raises
@@ -123,7 +123,7 @@ def batch_of(saves: int) -> int:
 def _saving(scene: Scene, *more: str, **settings: Any) -> Scene:
     """Return the scene that saves the state, `more`, and its own variables at save times."""
     names = (name for name in scene.run.save if name in make_recording(scene).recorded)
-    save = tuple(dict.fromkeys((*STATE, *more, *names)))
+    save = tuple(dict.fromkeys((*STATE, "energy", *more, *names)))  # curves of one energy
     wider: Scene = scene.with_run(save=save, keep="full", **settings)
     return wider
 

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rigidmc.figures import CORE, INK, LIGHT, MEDIAN, figure_of, legend_above, new_figure
+from rigidmc.results.labels import in_symbols
 
 
 def sensitivity_bars(study: xr.Dataset, figure: Figure | None = None) -> Figure:
@@ -33,12 +34,12 @@ def sensitivity_bars(study: xr.Dataset, figure: Figure | None = None) -> Figure:
             places = np.arange(numbers) + shift
             axes.barh(places, np.maximum(value, 0.0), 0.36, color=colour, label=label)
             axes.errorbar(value, places, xerr=ends, fmt="none", ecolor=INK, lw=1.0, capsize=2.0)
-        axes.set_yticks(np.arange(numbers), one.number.values)
+        axes.set_yticks(np.arange(numbers), [in_symbols(str(name)) for name in one.number.values])
         limit = max(1.0, 1.05 * float(one.total_high.max()))
         axes.set_xlim(0.0, limit)
         if "bound" in one:
             _draw_bounds(axes, one.bound.values, limit)
-        axes.set_xlabel(f"{text}: fraction of the variance between members")
+        axes.set_xlabel(f"{in_symbols(text)}: fraction of the variance between members")
         axes.grid(True, axis="x", lw=0.3, color=LIGHT)
         axes.set_axisbelow(True)
         legend_above(axes, 3 if "bound" in one else 2)

@@ -37,7 +37,8 @@ class MapCase(NamedTuple):
     derived : function of the Dataset that returns more variables: theory, and combined measures
     shown : the variable that the picture shows in colour
     contours : (variable, levels, legend) of the lines drawn over it
-    labels : of the x axis, the y axis, and of the colours if the long name of `shown` is too long
+    labels : of the x axis, the y axis, and of the colours if the long name of `shown` is too long;
+        a picture adds the units
     ticks : {value: word} if `shown` has only a few values
     borders : between the classes of an adaptive map, see `rigidmc.studies.stability_map.refine`
     """

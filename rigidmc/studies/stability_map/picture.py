@@ -19,7 +19,14 @@ from scipy.ndimage import uniform_filter
 
 from rigidmc.figures import ALARM, GREY, MEDIAN, Scale, colour_scale, new_figure
 from rigidmc.physics.observables.saving import CENSORED
-from rigidmc.results.labels import count_text, long_label, value_text, with_units
+from rigidmc.results.labels import (
+    count_text,
+    in_symbols,
+    long_label,
+    value_text,
+    with_degrees,
+    with_units,
+)
 from rigidmc.studies.stability_map.case import MAPS, MapCase
 
 BLANK = "#dddddd"  # pixels without a value of the measure
@@ -40,6 +47,7 @@ def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | Non
     if name not in ds:
         known = ", ".join(map(str, ds.data_vars))
         raise ValueError(f"{name}: is not a variable of the map; known: {known}")
+    ds = with_degrees(ds, name, *(key for key in "xyz" if key in ds.coords))
     parts = [ds.isel(z=k) for k in range(ds.sizes["z"])] if "z" in ds.dims else [ds]
     marked = "computed" in ds and len(parts) == 1
     count = len(parts) + marked
@@ -55,16 +63,21 @@ def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | Non
         image, more = _panel(axes, part, name, case, scale)
         handles += [one for one in more if one.get_label() not in {h.get_label() for h in handles}]
         if "z" in ds.dims:
-            layer = f"{part.z.attrs['long_name']} = {value_text(float(part.z), part.z, 4)}"
+            layer = (
+                f"{in_symbols(part.z.attrs['long_name'])} = {value_text(float(part.z), part.z, 4)}"
+            )
             axes.set_title(layer, fontsize=9)
     if marked:
         _mark(panels.flat[1], ds)
     for axes in panels.flat[count:]:
         axes.set_axis_off()
+    labels = [long_label(ds.x), long_label(ds.y)]
+    if case:
+        labels = [with_units(case.labels[k], ds[key].attrs["units"]) for k, key in enumerate("xy")]
     for axes in panels[-1]:
-        axes.set_xlabel(case.labels[0] if case else long_label(ds.x))
+        axes.set_xlabel(labels[0])
     for axes in panels[:, 0]:
-        axes.set_ylabel(case.labels[1] if case else long_label(ds.y))
+        axes.set_ylabel(labels[1])
     ticks = scale[2]
     where = panels if len(parts) > 1 else panels.flat[0]
     bar = figure.colorbar(image, ax=where, pad=0.02, ticks=ticks[0] if ticks else None)
@@ -127,9 +140,10 @@ def _title(ds: xr.Dataset, case: MapCase | None) -> str:
 def _bar_label(variable: xr.DataArray, case: MapCase | None) -> str:
     """Return the label of the colour bar, with units."""
     if case and len(case.labels) > 2 and variable.name == case.shown:
-        return case.labels[2]
+        return with_units(case.labels[2], variable.attrs["units"])
     units = with_units("", variable.attrs["units"]).replace(" ", "\N{NO-BREAK SPACE}")
-    return fill(variable.attrs["long_name"].split(";")[0] + units, 75)
+    measure, colon, words = variable.attrs["long_name"].split(";")[0].partition(": ")
+    return fill((in_symbols(measure) if colon else measure) + colon + words + units, 75)
 
 
 def _hatched(

@@ -4,7 +4,6 @@ import numpy as np
 import xarray as xr
 
 from rigidmc.physics.effects.gravity import Gravity
-from rigidmc.results.labels import with_units
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
@@ -28,8 +27,8 @@ def chaos_share() -> MapCase:
         shown="p(megno>4)",
         contours=("theory", (1.0,), "energy of the upright top at rest"),
         labels=(
-            with_units("middle moment I$_2$", "kg m2"),
-            f"{with_units('energy', 'J')}; -1 hanging at rest",
+            "middle moment I₂",
+            "energy; -1: hanging at rest",
             "chaotic fraction of the energy surface (MEGNO > 4)",
         ),
         settings={"integrator": "rk8", "dt": 0.2, "t_end": 1000.0},

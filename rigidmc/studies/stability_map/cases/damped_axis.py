@@ -7,7 +7,6 @@ import xarray as xr
 
 from rigidmc.physics.effects.dissipation import EnergyDissipation
 from rigidmc.physics.observables.passage import Passage
-from rigidmc.results.labels import with_units
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
@@ -36,10 +35,10 @@ def damped_axis() -> MapCase:
         shown="end",
         ticks={-1: "-3", 0: "none", 1: "+3"},
         borders=tuple((share, (0.5,)) for share in SHARES),
-        contours=("theory", (1.0,), "separatrices 2 T I$_2$ = L$^2$"),
+        contours=("theory", (1.0,), "separatrices 2 T I₂ = L²"),
         labels=(
-            with_units("azimuth of L at the start", "rad"),
-            with_units("angle of L from axis 3 at the start", "rad"),
+            "azimuth of L at the start",
+            "angle of L from axis 3 at the start",
             "end of axis 3 reached",
         ),
         settings={"integrator": "strang", "dt": 0.2, "t_end": 400.0},

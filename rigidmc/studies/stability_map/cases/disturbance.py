@@ -42,12 +42,12 @@ def disturbance() -> MapCase:
         contours=(
             "theory",
             times,
-            with_units("theory: (1/2 - phase) 4 K/$\\lambda$", "s"),
+            with_units("theory: (1/2 - phase) 4 K/λ", "s"),
         ),
         labels=(
-            with_units("direction of the disturbance, from axis 3 to axis 1", "rad"),
-            with_units("size of the disturbance", "rad"),
-            with_units("time of the first flip", "s"),
+            "direction of the disturbance, from axis 3 to axis 1",
+            "size of the disturbance",
+            "time of the first flip",
         ),
         settings={"integrator": "exact", "dt": 0.5, "t_end": 400.0},
         source="(1/2 - phase modulo 1/2) 4 K(m)/lambda",

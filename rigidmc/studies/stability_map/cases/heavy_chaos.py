@@ -5,7 +5,6 @@ the same plane, which is integrable and so regular everywhere.
 import math
 
 from rigidmc.physics.effects.gravity import Gravity
-from rigidmc.results.labels import with_units
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
@@ -30,8 +29,8 @@ def heavy_chaos(moments: Vector = (2.0, 2.2, 1.0), centre: Vector = (1.0, 0.0, 0
         members=1,
         shown="mean(megno)",
         labels=(
-            with_units("angle of axis 3 from the vertical at the start", "rad"),
-            with_units("energy", "J"),
+            "angle of axis 3 from the vertical at the start",
+            "energy",
             "MEGNO: 2 regular, more chaotic",
         ),
         settings={"integrator": "rk8", "dt": 0.25, "t_end": 1400.0},

@@ -6,7 +6,6 @@ import numpy as np
 import xarray as xr
 
 from rigidmc.physics.effects.gravity_gradient import GravityGradient
-from rigidmc.results.labels import with_units
 from rigidmc.scene.body import Body
 from rigidmc.scene.distributions import uniform
 from rigidmc.scene.scene import Scene
@@ -33,8 +32,8 @@ def hyperion_chaos() -> MapCase:
         shown="p(megno>4)",
         contours=("spin_ratio", (4.2, 4.5), "spins seen by Voyager 2 and Cassini"),
         labels=(
-            with_units("lean of the long axis from the normal of the orbit", "rad"),
-            with_units("spin about the long axis", "rad s-1"),
+            "lean of the long axis from the normal of the orbit",
+            "spin about the long axis",
             "chaotic fraction of the starts (MEGNO > 4)",
         ),
         # 300 orbits: MEGNO exceeds 4 if changes grow by e in 35 orbits or fewer

@@ -16,7 +16,7 @@ TILT = 1e-2  # rad: angle of omega from the middle axis at the start
 
 # the plane of all bodies with I2 = 1 kg m2; other maps share it
 X, Y = ("body.moments.1", 0.0, 1.0), ("body.moments.3", 1.0, 2.0)
-RATIOS = "I$_1$/I$_2$", "I$_3$/I$_2$"
+RATIOS = "I₁, with I₂ = 1", "I₃, with I₂ = 1"
 RATES = (0.1, 0.2, 0.3, 0.5, 0.7, 0.9)  # 1/s: the contours of growth_rate
 
 

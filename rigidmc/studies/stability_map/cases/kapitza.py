@@ -6,7 +6,6 @@ import xarray as xr
 from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.physics.effects.pivot import MovingPivot
 from rigidmc.physics.observables.passage import Passage
-from rigidmc.results.labels import with_units
 from rigidmc.scene.body import Body
 from rigidmc.scene.distributions import normal
 from rigidmc.scene.scene import Scene
@@ -32,8 +31,8 @@ def kapitza() -> MapCase:
         shown="p(passages>=1)",
         contours=("theory", (0.0,), "bounds of Mathieu's equation"),
         labels=(
-            with_units("swing of the pivot", "m"),
-            with_units("frequency of the pivot", "rad s-1"),
+            "swing of the pivot",
+            "frequency of the pivot",
             "fraction that falls over",
         ),
         settings={"integrator": "rk8", "dt": 0.04, "t_end": 200.0},

@@ -7,7 +7,6 @@ import xarray as xr
 
 from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.physics.observables.passage import Passage
-from rigidmc.results.labels import with_units
 from rigidmc.scene.body import Body
 from rigidmc.scene.distributions import uniform
 from rigidmc.scene.scene import Scene
@@ -29,10 +28,10 @@ def sleeping_top() -> MapCase:
         members=4,
         derived=_derived,
         shown="p(passages>=1)",
-        contours=("theory", (0.0,), "C$^2$n$^2$ = 4 A m g h"),
+        contours=("theory", (0.0,), "C² n² = 4 A m g h"),
         labels=(
-            with_units("spin n", "rad s-1"),
-            with_units("height h of the centre of mass", "m"),
+            "spin n",
+            "height h of the centre of mass",
             "fraction of the tops that fall over",
         ),
         settings={"integrator": "rk8", "dt": 0.1, "t_end": 300.0},
