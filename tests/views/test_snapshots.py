@@ -27,10 +27,10 @@ def test_instants_do_not_alias_an_oscillation(rate):
     t, still = np.linspace(0.0, 10.0, 20001), np.tile([0.0, 0.0, 1.0], (20001, 1))
     value = 25.0 + 3.0 * np.sin(rate * t)
     fastest = snapshots._rate(t, value, still)
-    # a cut oscillation has a smaller swing, so its rate is overestimated; measured 0.0
-    assert fastest > rate * (1.0 - 1e-6)
+    # chords are flatter than the curve: measured 9.4e-6 below; a cut oscillation seems faster
+    assert fastest > rate * (1.0 - 1e-4)
     between = np.diff(snapshots._instants(t, value, False, MOST / fastest))
-    assert (between * rate <= MOST * (1.0 + 1e-6)).all()
+    assert (between * rate <= MOST * (1.0 + 1e-4)).all()
     whole = rate <= 1.0 and MOST / fastest * (COUNT - 1) >= 10.0
     assert (np.isclose(between.sum(), 10.0)) == whole
 
