@@ -456,6 +456,23 @@ def degrees_note(angles: Any, what: str, most: int = 2, cure: str = 'write "30 d
     return f"{what} {worst:g} is more than {limit}: angles are in rad; for degrees {cure}"
 
 
+def euler_degrees_note(angles: Any, what: str, cure: str, is_shared: bool = True) -> str:
+    """Return a note if Euler angles (3, ...) look like degrees; else "".
+
+    The middle angle exceeds pi or another 2 pi, or an angle that all members share is an integer
+    above 2.
+
+    what : the words before the angle
+    """
+    sizes = np.abs(np.asarray(angles, dtype=float))
+    if note := degrees_note(sizes[1], what, 1, cure) or degrees_note(sizes, what, 2, cure):
+        return note
+    whole = sizes[(sizes > 2.0) & (sizes == np.round(sizes))]
+    if not (is_shared and whole.size):
+        return ""
+    return f"{what} {whole[0]:g} is a whole number: angles are in rad; for degrees {cure}"
+
+
 def rule_with_hint(error: RigidmcError) -> str:
     """Return the rule of an error with its nearest right unit, for readers without a place."""
     return error.rule + hint_of(error.nearest)

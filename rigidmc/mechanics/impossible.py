@@ -19,9 +19,18 @@ from rigidmc.mechanics import inertia
 Array = NDArray[np.float64]
 
 SLACK = 1e-9  # relative, as in `inertia.too_far`
-# m c^2 over the largest moment, of bodies whose lengths or masses have another unit. In SI, real
-# bodies have 1e-3 to 1; millimetres multiply this by 1e6, grams by 1e3
-_MILLIMETRES, _GRAMS, _BOTH = (900.0, 9e8), (5.0, 5e3), (5e6, 5e9)
+# {unit: (factor of lengths, factor of masses, decades by which it is rarer than others)}
+_UNITS = {
+    "centimetres": (1e-2, 1.0, 0.5),
+    "inches": (0.0254, 1.0, 0.5),
+    "millimetres": (1e-3, 1.0, 0.0),
+    "grams": (1.0, 1e-3, 0.0),
+    "millimetres and the mass in grams": (1e-3, 1e-3, 0.5),
+}
+# log10 of m c^2 over the largest moment: of moments about the fixed point, from -3 to 0; of moments
+# about the centre of mass, as of a bob on a rod, up to 3
+_ABOUT_PIVOT, _ABOUT_CENTRE = -0.5, 1.0
+_MOST, _WORSE = 3, 1.25  # causes shown, and decades by which they may fit worse than the best
 
 
 def can_exist(tensor: Any, mass: float, centre: Any) -> bool:
@@ -42,8 +51,8 @@ def opposite_products(tensor: Any) -> Array:
 
 
 def likely_causes(tensor: Any, mass: float, centre: Any) -> tuple[str, ...]:
-    """Return the likely causes that a body cannot exist, the likeliest first, each with the numbers
-    of the corrected body.
+    """Return the likely causes that a body cannot exist, each with the numbers of the corrected
+    body: first the cause with which m c^2 and the moments fit those of real bodies best.
 
     tensor (3, 3) [kg m^2] about the fixed point;  mass [kg];  centre (3,) [m]
     """
@@ -51,7 +60,8 @@ def likely_causes(tensor: Any, mass: float, centre: Any) -> tuple[str, ...]:
     finite = np.isfinite(own).all() and np.isfinite(c).all()
     if not (finite and mass > 0.0) or can_exist(own, mass, c):
         return ()
-    return tuple(_causes(own, mass, c))
+    causes = sorted(_causes(own, mass, c), key=lambda cause: cause[0])
+    return tuple(text for misfit, text in causes[:_MOST] if misfit <= causes[0][0] + _WORSE)
 
 
 def causes_text(tensor: Any, mass: float, centre: Any) -> str:
@@ -63,58 +73,65 @@ def causes_text(tensor: Any, mass: float, centre: Any) -> str:
     return f"; likely causes: {listed}"
 
 
-def _causes(tensor: Array, mass: float, centre: Array) -> Iterator[str]:
+def _causes(tensor: Array, mass: float, centre: Array) -> Iterator[tuple[float, str]]:
+    """Yield (decades by which the numbers miss those of real bodies, cause)."""
+    size = mass * float(centre @ centre) / np.abs(np.linalg.eigvalsh(tensor)).max()
+    decades = float(np.log10(size)) if size > 0.0 else _ABOUT_PIVOT
+    far, near = abs(decades - _ABOUT_CENTRE), abs(decades - _ABOUT_PIVOT)
     moved = inertia.about_point(tensor, mass, centre)
     turned = opposite_products(tensor)
-    products = _has_products(tensor)
-    away = bool(centre.any())
+    away, products = bool(centre.any()), _has_products(tensor)
     about = away and can_exist(moved, mass, centre)
     if about:
         yield (
+            far,
             'the inertia is about the centre of mass: about = "centre" gives the moments'
-            f" {_moments(moved)} about the fixed point"
+            f" {_moments(moved)} about the fixed point",
         )
     opposite = products and can_exist(turned, mass, centre)
     if opposite:
         yield (
+            far if about else near,
             "the products of inertia have the opposite sign (I_xy = -int x y dm here): reversed,"
-            f" the moments are {_moments(turned)}"
+            f" the moments are {_moments(turned)}",
         )
     both = inertia.about_point(turned, mass, centre)
     if away and products and not (about or opposite) and can_exist(both, mass, centre):
         yield (
+            far,
             "the products of inertia have the opposite sign (I_xy = -int x y dm here), and the"
             ' tensor is about the centre of mass: reversed, and with about = "centre", the moments'
-            f" are {_moments(both)}"
+            f" are {_moments(both)}",
         )
-    yield from _units(tensor, mass, centre)
+    yield from _units(tensor, mass, centre, decades)
 
 
-def _units(tensor: Array, mass: float, centre: Array) -> Iterator[str]:
-    """Find lengths in millimetres and masses in grams."""
-    ratio = mass * float(centre @ centre) / np.abs(np.linalg.eigvalsh(tensor)).max()
+def _units(
+    tensor: Array, mass: float, centre: Array, decades: float
+) -> Iterator[tuple[float, str]]:
+    """Yield lengths and masses in other units, as `_causes` does.
 
-    def fits(band: tuple[float, float], mass: float, centre: Array) -> bool:
-        return band[0] < ratio < band[1] and can_exist(tensor, mass, centre)
-
-    small, light = 1e-3 * centre, 1e-3 * mass
-    place = ", ".join(f"{x:g}" for x in small)
-    if fits(_MILLIMETRES, mass, small):
-        yield f"the centre is in millimetres: in m, it is ({place})"
-    elif _MILLIMETRES[0] < ratio < _MILLIMETRES[1]:
-        moved = inertia.about_point(tensor, mass, small)
-        if can_exist(moved, mass, small):
+    decades : log10 of m c^2 over the largest moment
+    """
+    for word, (length, weight, rare) in _UNITS.items():
+        m, c = weight * mass, length * centre
+        found = decades + np.log10(weight * length**2)
+        if not -4.0 < found < 3.0:
+            continue
+        place = f"({', '.join(f'{x:g}' for x in c)})"
+        si = f"in m, it is {place}" if weight == 1.0 else f"in kg, it is {m:g}"
+        if length != 1.0 != weight:
+            si = f"in m and kg, they are {place} and {m:g}"
+        cause = f"the {'mass' if length == 1.0 else 'centre'} is in {word}: {si}"
+        moved = inertia.about_point(tensor, m, c)
+        if can_exist(tensor, m, c):
+            yield rare + abs(found - _ABOUT_PIVOT), cause
+        elif word == "millimetres" and can_exist(moved, m, c):
             yield (
-                f"the centre is in millimetres: in m, it is ({place}), and the inertia is about it:"
-                f' about = "centre" then gives the moments {_moments(moved)}'
+                1.0 + abs(found - _ABOUT_CENTRE),
+                f'{cause}, and the inertia is about it: about = "centre" then gives the moments'
+                f" {_moments(moved)}",
             )
-    if fits(_GRAMS, light, centre):
-        yield f"the mass is in grams: in kg, it is {light:g}"
-    if fits(_BOTH, light, small):
-        yield (
-            "the centre is in millimetres and the mass in grams: in m and kg, they are"
-            f" ({place}) and {light:g}"
-        )
 
 
 def _moments(tensor: Array) -> str:

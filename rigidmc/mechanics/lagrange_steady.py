@@ -41,7 +41,7 @@ def _arguments(moments: ArrayLike, *scalars: tuple[str, ArrayLike]) -> tuple[Sha
     named = [(name, value, 0) for name, value in scalars]
     shape, ((first, second, third), *rest), _ = broadcast_arguments(("moments", moments, 3), *named)
     for (name, _), (x,) in zip(scalars, rest, strict=True):
-        if name == "theta" and (note := degrees_note(x, "theta =")):
+        if name == "theta" and (note := degrees_note(x, "theta =", 1)):
             warn(note)
     unequal = unequal_moments(first, second)
     return shape, [np.where(unequal, np.nan, x) for x in (first, third, *(x for (x,) in rest))]

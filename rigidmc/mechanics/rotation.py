@@ -23,7 +23,7 @@ from rigidmc.mechanics.euler_angles import (
 )
 from rigidmc.physics.dynamics.functions import sincos
 from rigidmc.physics.dynamics.quaternions import multiply
-from rigidmc.units import degrees_note, is_foreign, numbers_in
+from rigidmc.units import euler_degrees_note, is_foreign, numbers_in
 
 _EYE = np.eye(3)
 _Floats = NDArray[np.float64]
@@ -55,7 +55,7 @@ def quaternion(attitude: Attitude) -> _Floats:
     if array.shape[-2:] == (3, 3):
         return quaternion_from_matrix(array)
     if array.shape == (3,):
-        if note := degrees_note(array, "attitude: an Euler angle of"):
+        if note := euler_degrees_note(array, "attitude: an Euler angle of", 'write "30 deg"'):
             warn(note)
         return from_euler(array)
     if array.shape[-1:] != (4,):

@@ -13,10 +13,22 @@ from rigidmc.scene.quantities import Grid, is_shared
 from rigidmc.scene.settings import Run
 from rigidmc.scene.validation import PILOT
 
-# Density [kg/m3] of the uniform ellipsoid with a body's moments. Osmium gives 2e-5 if lengths in mm
-# are read as m; scenes in custom units go down to 1e-3. A body denser than osmium cannot exist: of
-# all bodies with these moments, the ellipsoid has the smallest peak density.
-LIGHTEST, DENSEST = 1e-4, 22_590.0
+# Density [kg/m3] of the uniform ellipsoid with a body's moments. Solids, whose lengths are given,
+# have 1 to 25,000: foams have 10, and osmium 22,590. Scenes in custom units give moments with
+# densities down to 1e-3; osmium gives 2e-5 if lengths in mm are read as m. A body denser than
+# osmium cannot exist: of all bodies with these moments, the ellipsoid has the least peak density.
+LIGHTEST, LIGHTEST_SOLID, DENSEST = 1e-3, 1.0, 25_000.0
+USUAL = 2000.0  # kg/m3, of what people build
+# {mistake: factor of the density of a body that is read as SI}
+SOLID_UNITS = {
+    "lengths in mm": 1e-9, "lengths in cm": 1e-6, "lengths in inches": 0.0254**3,
+    "lengths in mm and the mass in g": 1e-6, "the mass in g": 1e3,
+}  # fmt: skip
+MOMENT_UNITS = {
+    "moments in g cm2": 1e-7 ** 1.5, "moments in kg mm2": 1e-9, "moments in kg cm2": 1e-6,
+    "moments in g mm2": 1e-9**1.5, "the mass in g": 10.0**7.5, "moments in g m2": 1e-3**1.5,
+}  # fmt: skip
+FAR = 100.0  # radii of gyration from the fixed point to the centre of mass
 SMALLEST, LARGEST = 1e-21, 1e27  # kg: molecules are lighter, stars are heavier
 Array = NDArray[np.float64]
 
@@ -28,6 +40,7 @@ def body_notes(body: Body) -> list[str]:
     return [
         *impossible_bodies(body, one, False),
         *unlike_matter(body, moments, mass, centre),
+        *far_centre(body, moments, mass, centre),
     ]
 
 
@@ -110,18 +123,44 @@ def unlike_matter(body: Body, moments: Array, mass: Array, centre: Array) -> Ite
         moments, mass, centre = moments[:, :1], mass[:1], centre[:, :1]
     second = _about_centre(moments, mass, centre)
     thick = second.min(0) > 1e-9 * second.max(0)  # plates, rods and points have no density
-    # a mass of 1 means that no mass is given, only the moments
-    real = thick & (mass != 1.0) & (mass > SMALLEST) & (mass < LARGEST)
+    # a mass of 1 beside moments means that only these are given
+    real = thick & ((mass != 1.0) | bool(body.shape)) & (mass > SMALLEST) & (mass < LARGEST)
     if not real.any():
         return
     extents = np.sqrt(5.0 * second[:, real] / mass[real])
     densities = mass[real] / (4.0 / 3.0 * math.pi * extents.prod(0))
     size, density = 2.0 * float(np.median(extents.max(0))), float(np.median(densities))
-    if not LIGHTEST <= density <= DENSEST:
-        what = "far less than air" if density < LIGHTEST else "more than osmium"
+    # a solid of 1 kg may have custom units
+    lightest = LIGHTEST_SOLID if body.shape and np.all(mass != 1.0) else LIGHTEST
+    if not lightest <= density <= DENSEST:
+        what = "far less than air" if density < lightest else "more than osmium"
+        units = SOLID_UNITS if body.shape else MOMENT_UNITS
+        misfit = {word: abs(math.log10(density / factor / USUAL)) for word, factor in units.items()}
+        likely, other, *_ = sorted(misfit, key=lambda word: misfit[word])
+        numbers = "these sizes" if body.shape else "these moments"
         yield (
-            f"[body] mass: {np.median(mass[real]):g} kg with these moments makes a body of "
-            f"{size:.3g} m and {density:.2g} kg/m3, {what}: are lengths in m and masses in kg?"
+            f"[body] mass: {np.median(mass[real]):g} kg with {numbers} makes a body of "
+            f"{size:.3g} m and {density:.2g} kg/m3, {what}: likely {likely}, or {other}"
+        )
+
+
+def far_centre(body: Body, moments: Array, mass: Array, centre: Array) -> Iterator[str]:
+    """Find bodies whose centre of mass is many radii of gyration from the fixed point.
+
+    Such a body can exist, and one of moments about the centre of mass is accepted with a centre in
+    millimetres.
+
+    moments (3, n), mass (n,), centre (3, n) : of the first members
+    """
+    distance = np.sqrt((centre * centre).sum(0))
+    second = np.maximum(_about_centre(moments, mass, centre).sum(0), 0.0)
+    far = distance > FAR * np.sqrt(second / mass)
+    if body.has_mass and far.any() and (second > 0.0).all():
+        shown = ", ".join(f"{x:g}" for x in 1e-3 * centre[:, far][:, 0])
+        times = float(np.median((distance * np.sqrt(mass / second))[far]))
+        yield (
+            f"[body] centre: {np.median(distance[far]):g} m from the fixed point is {times:.2g}"
+            f" radii of gyration: is centre in millimetres? In m, it is ({shown})"
         )
 
 

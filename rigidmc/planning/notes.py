@@ -25,21 +25,22 @@ from rigidmc.physics.effects.protocol import blank, facts, from_numbers, numbers
 from rigidmc.physics.observables import KNOWN, label_observables, word_of_observable
 from rigidmc.physics.observables.protocol import is_attitude, is_body_vector
 from rigidmc.planning.body_notes import (
+    far_centre,
     impossible_bodies,
     is_mapped,
     undetermined_axes,
     unlike_matter,
 )
 from rigidmc.planning.plan import Plan
+from rigidmc.planning.start_notes import CURE, FEW, angle_notes, motionless, quaternion_notes
 from rigidmc.planning.units import UnitScale
 from rigidmc.scene.amounts import count_text
 from rigidmc.scene.model import Model
-from rigidmc.scene.quantities import draw, is_variable
+from rigidmc.scene.quantities import draw
 from rigidmc.scene.settings import Run, idle
 from rigidmc.scene.vector_distributions import GibbsMomentum
 from rigidmc.units import degrees_note
 
-FEW = 64  # members whose effects and angles are checked
 BOLTZMANN = 1.380649e-23  # J/K
 # Central bodies: G M [m3/s2], distinguished to 2 %, and radius [m]. Source: Archinal et al.,
 # Celest. Mech. Dyn. Astron. 130 (2018) 22; JPL DE440.
@@ -52,6 +53,7 @@ CENTRES = {
     "Jupiter": (1.26713e17, 6.9911e7),
     "Saturn": (3.79406e16, 5.8232e7),
 }
+FOREIGN_G = {"cm/s2": 100.0, "mm/s2": 1000.0, "ft/s2": 1.0 / 0.3048}
 COLD = 1e6  # K: small bodies that tumble in a bath are colder
 UNCOMPILED = (
     "NUMBA_DISABLE_JIT is set: Python makes the steps, thousands of times slower, and the last bits"
@@ -145,10 +147,16 @@ def _anti_damping(seen: PilotFacts) -> Iterator[str]:
         yield "[run] anti_damping = true has no effect: the scene has no damping"
 
 
-def _gravity_upwards(seen: PilotFacts) -> Iterator[str]:
+def _gravity(seen: PilotFacts) -> Iterator[str]:
     for label, effect in seen.effects:
-        if isinstance(effect, Gravity) and (least := np.min(effect.g)) < 0.0:
+        if not isinstance(effect, Gravity):
+            continue
+        if (least := np.min(effect.g)) < 0.0:
             yield f"[effects.{label}] g = {least:g} pulls upwards: g > 0 pulls along -z"
+        for unit, size in FOREIGN_G.items():
+            if abs(float(np.median(effect.g)) / (9.81 * size) - 1.0) < 0.005:
+                shown = f"[effects.{label}] g = {np.median(effect.g):g}"
+                yield f"{shown} is that of the Earth in {unit}: g is in m/s2"
 
 
 def _orbit_inside(seen: PilotFacts) -> Iterator[str]:
@@ -232,24 +240,18 @@ def _turns_itself(cls: type) -> bool:
     return any(known & {*one.__code__.co_names} for one in _compiled(cls))
 
 
-_CURE = 'write unit = "deg", or "30 deg"'
-
-
 def _angles(seen: PilotFacts) -> Iterator[str]:
-    start, seed = seen.model.coarse().start, seen.run.seed
-    if start.has_euler_angles:
-        angles = draw(start.attitude, seed, "start.attitude", 0, FEW)
-        yield degrees_note(angles, "[start] attitude: an Euler angle of", 2, _CURE)
-    word = start.spin_name
-    spin = getattr(start, word)
-    for field, most in (("angle", 1), ("azimuth", 2)):
-        if hasattr(spin, field):
-            angles = draw((getattr(spin, field),), seed, f"start.{word}.{field}", 0, FEW)
-            yield degrees_note(angles, f"[start] {word}.{field} =", most, _CURE)
+    yield from angle_notes(seen.model.coarse().start, seen.run.seed)
     for label, effect in seen.effects:
         for field, unit in facts(effect).units.items():
             if unit == "rad" and is_shipped(effect):
-                yield degrees_note(getattr(effect, field), f"[effects.{label}] {field} =", 2, _CURE)
+                yield degrees_note(getattr(effect, field), f"[effects.{label}] {field} =", 2, CURE)
+
+
+def _rest(seen: PilotFacts) -> Iterator[str]:
+    effects = [effect for _, effect in seen.effects]
+    if not seen.run.varied and all(map(is_shipped, effects)):
+        yield motionless(seen.model.coarse().start, effects, seen.moments, seen.centre)
 
 
 def _axes(seen: PilotFacts) -> Iterator[str]:
@@ -257,15 +259,7 @@ def _axes(seen: PilotFacts) -> Iterator[str]:
 
 
 def _quaternions(seen: PilotFacts) -> Iterator[str]:
-    attitude = seen.model.start.attitude
-    if not isinstance(attitude, tuple) or len(attitude) != 4:
-        return
-    if is_variable(*attitude):
-        return
-    sizes = np.atleast_1d(np.sqrt(sum(np.square(part) for part in attitude)))
-    worst = sizes[np.abs(sizes - 1.0).argmax()]
-    if abs(worst - 1.0) > 1e-6:
-        yield f"[start] attitude: a quaternion of length {worst:.9g} is normalised to 1"
+    yield from quaternion_notes(seen.model.start)
 
 
 def _bodies(seen: PilotFacts) -> Iterator[str]:
@@ -273,7 +267,9 @@ def _bodies(seen: PilotFacts) -> Iterator[str]:
 
 
 def _density(seen: PilotFacts) -> Iterator[str]:
-    yield from unlike_matter(seen.model.body, seen.moments, seen.mass, seen.centre)
+    body = seen.model.body, seen.moments, seen.mass, seen.centre
+    yield from unlike_matter(*body)
+    yield from far_centre(*body)
 
 
 def _no_mass(seen: PilotFacts) -> Iterator[str]:
@@ -308,11 +304,12 @@ def _hot(seen: PilotFacts) -> Iterator[str]:
 LOOKS: tuple[Callable[[PilotFacts], Iterator[str]], ...] = (
     _idle,
     _one_at_a_time,
-    _gravity_upwards,
+    _gravity,
     _orbit_inside,
     _not_turned,
     _angles,
     _quaternions,
+    _rest,
     _axes,
     _bodies,
     _density,

@@ -230,7 +230,7 @@ def test_good_scenes_give_no_note(tmp_path):
     lambda t: rm.least_spin((1.0, 1.0, 0.5), 1.0, t),
 ])  # fmt: skip
 def test_closed_forms_note_degrees_as_scenes_do(degrees):
-    with pytest.warns(rm.SceneWarning, match="23 is more than 2 pi: angles are in rad"):
+    with pytest.warns(rm.SceneWarning, match="23 is more than pi: angles are in rad"):
         degrees(23)
     degrees(1.0)  # warnings are errors here
     degrees("23 deg")
@@ -271,8 +271,8 @@ def _scene(body=BODY, effects=(), **start):
 
 
 @pytest.mark.parametrize(("bad", "good", "words"), [
-    (_scene(attitude=(0.0, 90.0, 0.0)), _scene(attitude=(0.0, 6.28, 0.0)),
-    r"\[start\] attitude: an Euler angle of 90 is more than 2 pi"),
+    (_scene(attitude=(0.0, 90.0, 0.0)), _scene(attitude=(6.28, 3.1, 0.0)),
+    r"\[start\] attitude: an Euler angle of 90 is more than pi"),
     (_scene(attitude=(1.0, 0.0, 0.0, 2e-3)), _scene(attitude=(1.0, 0.0, 0.0, 1e-4)),
     r"\[start\] attitude: a quaternion of length 1.000002"),
     (_scene(omega=rm.Cone(2, 1.0, 5.0)), _scene(omega=rm.Cone(2, 1.0, 3.0)),

@@ -59,7 +59,7 @@ def test_products_with_the_opposite_sign_are_found_where_only_they_cure():
 def test_millimetres_and_grams():
     own, mass, centre = np.diag([1e-3, 1e-3, 5e-4]), 0.5, np.array([0.0, 0.0, 0.03])
     assert likely_causes(own, mass, centre) == ()
-    *_, millimetres = likely_causes(own, mass, 1e3 * centre)
+    millimetres, *_ = likely_causes(own, mass, 1e3 * centre)
     assert millimetres == "the centre is in millimetres: in m, it is (0, 0, 0.03)"
     causes = likely_causes(own, mass, 1e3 * np.array([0.0, 0.0, 0.2]))
     # 0.5 kg at 0.2 m: 0.02 kg m2 about x and y
@@ -68,9 +68,11 @@ def test_millimetres_and_grams():
         and "(0.021, 0.021, 0.0005) kg m2" in cause
         for cause in causes
     )
-    *_, grams = likely_causes(own, 1e3 * mass, centre)
+    grams, *_ = likely_causes(own, 1e3 * mass, centre)
     assert grams == "the mass is in grams: in kg, it is 0.5"
-    *_, both = likely_causes(own, 1e3 * mass, 1e3 * centre)
+    # 284 kg m2 about the fixed point would be 760 radii of gyration away from the centre
+    assert len(likely_causes(np.diag([4e-4, 4e-4, 1e-4]), 0.18, (0.0, 0.0, 39.7))) == 1
+    both, *_ = likely_causes(own, 1e3 * mass, 1e3 * centre)
     assert both.endswith("they are (0, 0, 0.03) and 0.5")
 
 

@@ -272,7 +272,8 @@ def test_numbers_at_the_ends_of_the_range():
 
 
 def test_members_of_a_run_are_indices():
-    scene = rm.Scene(BODY).with_run(dt=0.1, t_end=0.1, integrator="exact")
+    scene = rm.Scene(BODY, start=rm.Start(omega=(0.0, 1.0, 0.0)))
+    scene = scene.with_run(dt=0.1, t_end=0.1, integrator="exact")
     for which, word in (
         (np.ma.masked_array([1, 2, 3], [0, 1, 0]), "row 1 is masked"),
         (pd.Series([2, 1]), "increasing member indices"),

@@ -149,7 +149,8 @@ def test_a_dumbbell_has_its_mass_on_a_line():
 
 @pytest.mark.parametrize(("centre", "asked"), [((0, 0, 40.0), True), ((0, 0, 0.2), False)])
 def test_a_centre_in_millimetres(centre, asked):
-    scene = rm.Scene(rm.Body((1e-3, 1e-3, 5e-4), mass=0.5, centre=centre), rm.Gravity(9.81))
+    body, start = rm.Body((1e-3, 1e-3, 5e-4), mass=0.5, centre=centre), rm.Start(omega=(0, 0, 1.0))
+    scene = rm.Scene(body, rm.Gravity(9.81), start)
     with pytest.warns(rm.SceneWarning, match="centre: the body cannot exist") as found:
         rm.simulate(scene, members=2, dt=1e-3, t_end=0.01)
     assert any("in millimetres" in str(one.message) for one in found) == asked

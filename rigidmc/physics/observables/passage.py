@@ -63,9 +63,10 @@ class Passage(NamedTuple):
     Examples
     --------
     >>> fall = rm.Passage(axis=3, angle=0.5, stop=True)
-    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 1.0, 0.5)), observables=(fall,))
-    >>> rm.simulate(scene, save=("passage",), t_end=1.0, dt=0.1, members=1).passages.values
-    array([0.])
+    >>> start = rm.Start(omega=(1.0, 0.0, 0.0))
+    >>> scene = rm.Scene(rm.Body((1.0, 1.0, 0.5)), start=start, observables=(fall,))
+    >>> rm.simulate(scene, t_end=1.0, dt=0.1, members=1).passage_first.values.round(6)
+    array([0.5])
     """
 
     axis: int

@@ -167,6 +167,7 @@ UNITS = ((1.0, 1.0), (1e-20, 1.0), (1e20, 1.0), (1.0, 1e-6), (1.0, 1e6))  # of m
 SELDOM = "space", "damped"  # 2 s each, to compile; they have the units of the others
 
 
+@pytest.mark.filterwarnings("ignore:.*nothing moves")
 @pytest.mark.parametrize(
     "acts",
     [pytest.param(one, marks=pytest.mark.slow) if one in SELDOM else one for one in FROM_REST],
