@@ -278,6 +278,12 @@ def view_command(
             help="A number to move with --live, e.g. body.moments.2=1:3; repeatable.",
         ),
     ] = [],  # noqa: B006
+    others: Annotated[
+        list[str],
+        typer.Option(
+            "--with", metavar="SCENE", help="Another scene on the page of --live; repeatable."
+        ),
+    ] = [],  # noqa: B006
     show: Open = False,
     force: Force = False,
     allow_code: AllowCode = False,
@@ -285,6 +291,8 @@ def view_command(
     with report_errors(source):
         if sliders and not is_live:
             raise OptionError("is for --live", at="slider", value=sliders[0])
+        if others and not is_live:
+            raise OptionError("is for --live", at="with", value=others[0])
         chosen = _indices(members)
         stem = os.path.splitext(os.path.basename(source.rstrip(os.sep)))[0]
         name = output or f"{stem}.html"
@@ -293,7 +301,7 @@ def view_command(
             rule = "a live page has no end: leave it out with --live"
             raise OptionError(rule, at="until", value=f"{until:g} s")
         if is_live:
-            _live_page(source, settings, allow_code, name, members, sliders, force)
+            _live_page(source, others, settings, allow_code, name, members, sliders, force)
         else:
             plots_module()
             from rigidmc.views.viewer.page import view as page_of
@@ -308,6 +316,7 @@ def view_command(
 
 def _live_page(
     source: str,
+    others: list[str],
     settings: list[str],
     allow_code: bool,
     name: str,
@@ -326,9 +335,11 @@ def _live_page(
         if count is None or len(count) != 1:
             rule = "with --live, give how many members the page can show"
             raise OptionError(rule, at="members", value=members)
-    scene = load_scene(source, settings, allow_code)
+    scenes = [load_scene(source, settings, allow_code)]
+    scenes += [load_scene(other, [], allow_code) for other in others]
     asked = dict(map(_slider, sliders)) if sliders else None
-    live(scene, name, asked, count[0] if count else None, force)
+    shown = {scene.title: scene for scene in scenes} if others else scenes[0]
+    live(shown, name, asked, count[0] if count else None, force)
 
 
 def _slider(text: str) -> tuple[str, tuple[str, str] | None]:

@@ -50,8 +50,7 @@ def page_text(
             for path in (shared.joinpath("page.css"), own.joinpath(f"{name}.css"))
         ),
         "MAIN": own.joinpath(f"{name}.html").read_text(encoding="utf-8"),
-        # no "<": it could end the script, or begin a comment that hides the end of the script
-        "DATA": json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
+        "DATA": script_json(data),
         "WORKER": worker.read_text(encoding="utf-8") if worker.is_file() else "",
         "SCRIPT": "".join(
             path.read_text(encoding="utf-8")
@@ -62,6 +61,12 @@ def page_text(
         ),
     }
     return fill_template(shared.joinpath("page.html").read_text(encoding="utf-8"), parts)
+
+
+def script_json(data: Any) -> str:
+    """Return data as JSON for a script of a page."""
+    # no "<": it could end the script, or begin a comment that hides the end of the script
+    return json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def fill_template(text: str, parts: Mapping[str, str]) -> str:

@@ -281,6 +281,8 @@ def test_the_command_writes_a_page(tmp_path):
     assert found.exit_code == 3 and "is for --live" in found.output
     found = CliRunner().invoke(app, ["view", "heavy_top", "--live", "--until", "1s"])
     assert found.exit_code == 3 and "a live page has no end" in found.output
+    found = CliRunner().invoke(app, ["view", "heavy_top", "--with", "gyroscope"])
+    assert found.exit_code == 3 and "is for --live" in found.output
 
 
 @pytest.mark.slow

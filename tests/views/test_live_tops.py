@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from rigidmc.errors import OptionError
 from tests.views.test_live import browser, opened  # noqa: F401
 
 KINDS = {
@@ -109,6 +110,26 @@ def test_a_link_takes_a_bounded_time_and_says_so(browser, tmp_path):  # noqa: F8
     page.evaluate("begin(0.1)")
     page.wait_for_function("!state.busy && state.step >= 200")
     assert page.inner_text("#told") == "" and page.faults == []
+
+
+def test_a_page_of_several_scenes_shows_two_side_by_side(browser, tmp_path):  # noqa: F811
+    """At the lower speed of both, and both start again by one key."""
+    slow = rm.Scene.load("heavy_top", {"start.omega": (0, 0, 60)})
+    rm.live({"a <top>": "heavy_top", "slow": slow}, tmp_path / "class.html", members=1)
+    page = browser.new_page(reduced_motion="reduce")
+    page.goto((tmp_path / "class.html").as_uri())
+    page.check("#two")
+    page.wait_for_function("speeds.size >= 2")
+    frames = page.frames[1:]
+    assert [frame.inner_text("h1") for frame in frames] == ["a <top>", "slow"]
+    for frame in frames:
+        frame.wait_for_function("state.ready && state.speed === 0.05")
+        frame.evaluate("begin(0.1)")
+    page.click("#both")
+    for frame in frames:
+        frame.wait_for_function("state.time === 0")
+    with pytest.raises(OptionError, match="at least one scene"):
+        rm.live({})
 
 
 def test_a_slider_has_a_finer_drag(browser, tmp_path):  # noqa: F811

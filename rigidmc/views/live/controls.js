@@ -138,6 +138,14 @@ function start() {
   $("on").onclick = one;
   $("again").onclick = () => begin();
   $("reset").onclick = () => { for (const s of SLIDERS) s.set(s.given); begin(); };
+  $("link").hidden = location.protocol === "about:";   // a page within another has no address
+  // two pages side by side have one speed, which the page around them sends
+  if (parent !== window) parent.postMessage({ speed: state.speed }, "*");
+  addEventListener("message", ({ source, data }) => {
+    if (source !== parent || !(data.speed > 0)) return;
+    if (![...$("speed").options].some(o => Number(o.value) === data.speed)) $("speed").append(html("option", { value: data.speed }, `× ${nice(data.speed)}`));
+    $("speed").value = state.speed = data.speed;
+  });
   $("link").onclick = async () => {
     location.hash = hash();
     try { await navigator.clipboard.writeText(location.href); } catch { /* the address bar has it */ }

@@ -79,7 +79,7 @@ def even_end(run: PreparedRun) -> float:
 
 
 def moved_plans(live: LiveRun) -> dict[str, Plan]:
-    """Return the plan of a page's run, "own", and those of the run whose sliders have moved.
+    """Return the plan of a page's run, "own", and its plans for starts that sliders have moved.
 
     The schemes of some integrators hold for bodies with two equal moments alone, or up to a rate of
     free motion. "unequal" and "equal" hold for all starts whose steps a page makes.

@@ -1,7 +1,10 @@
 """A page that computes: body and momentum turn while the reader moves the scene's numbers."""
 
+import html
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from importlib.resources import files
 from os import PathLike
 from typing import Any
 
@@ -18,17 +21,26 @@ from rigidmc.physics.effects.protocol import is_random, shape
 from rigidmc.scene.quantities import is_variable
 from rigidmc.scene.recording import conservation
 from rigidmc.scene.scene import Scene, as_scene
-from rigidmc.views.html_page import Page, page_text, pulls_data, shape_data, tones_data
+from rigidmc.views.html_page import (
+    Page,
+    fill_template,
+    page_text,
+    pulls_data,
+    script_json,
+    shape_data,
+    tones_data,
+)
 from rigidmc.views.live.engine import SAVED, doubles, engine_data, even_end, live_run
 from rigidmc.views.live.saving import saving_data, texts
 from rigidmc.views.live.sliders import Range, Slider, make_sliders
 from rigidmc.views.surfaces import drawn_shape, ellipsoid_form, surface_of
 
+Source = Scene | str | PathLike[str]
 MOST = 1000  # members of a page: 1,000 rows of 45 numbers are 360 kB
 
 
 def live(
-    scene: Scene | str | PathLike[str],
+    scene: Source | Mapping[str, Source],
     output: str | PathLike[str] | None = None,
     sliders: Mapping[str, Range | None] | None = None,
     members: int | None = None,
@@ -42,8 +54,9 @@ def live(
 
     Parameters
     ----------
-    scene : Scene, str or path
-        a scene, the name of a scene that comes with rigidmc, or a file
+    scene : Scene, str, path or dict
+        a scene, the name of a scene that comes with rigidmc, or a file; or several, as
+        {title: scene}: a page that shows one of them, or two side by side
     output : str or path, optional
         HTML file to write
     sliders : dict, optional
@@ -74,10 +87,12 @@ def live(
     >>> page.text.startswith("<!doctype html>")
     True
     """
-    scene = as_scene(scene)
     if output is not None:
         refuse_existing(output, force, "pages")
-    page = Page(_text(scene, sliders, _count(scene, members)))
+    if isinstance(scene, Mapping):
+        page = Page(_several(scene, sliders, members))
+    else:
+        page = Page(_text(as_scene(scene), sliders, members))
     if output is not None:
         write_bytes(output, page.text.encode(), force)
     return page
@@ -93,7 +108,21 @@ def _count(scene: Scene, members: int | None) -> int:
     return members
 
 
-def _text(scene: Scene, asked: Mapping[str, Range | None] | None, members: int) -> str:
+def _several(
+    scenes: Mapping[str, Source], asked: Mapping[str, Range | None] | None, members: int | None
+) -> str:
+    """Return the page of several pages; OptionError without any."""
+    if not scenes:
+        raise OptionError("expected at least one scene, as {title: scene}", at="scene")
+    titled = {title: replace(as_scene(one), title=title) for title, one in scenes.items()}
+    pages = [(title, _text(one, asked, members)) for title, one in titled.items()]
+    form = files(str(__package__)).joinpath("several.html").read_text(encoding="utf-8")
+    title = html.escape(", ".join(scenes))
+    return fill_template(form, {"TITLE": title, "DATA": script_json(pages)})
+
+
+def _text(scene: Scene, asked: Mapping[str, Range | None] | None, count: int | None) -> str:
+    members = _count(scene, count)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # of a run, which this is not
         prepared = live_run(scene, members)
@@ -133,8 +162,8 @@ def _text(scene: Scene, asked: Mapping[str, Range | None] | None, members: int) 
 
 
 def _is_top(scene: Scene) -> bool:
-    """Return whether Euler angles and a spin start a body on which gravity alone acts: a heavy top,
-    if its moments and centre are those of one."""
+    """Return whether Euler angles and a spin start a body on which gravity alone acts; the page
+    looks at its moments and centre."""
     start, is_heavy = scene.model.start, [type(one) for one in scene.model.effects] == [Gravity]
     angles = start.has_euler_angles and start.sequence == TEXTBOOK
     return is_heavy and angles and not scene.model.body.is_turned

@@ -21,7 +21,7 @@ const PHASES = {
 const SPACE = { body: "body in space", poinsot: "Poinsot's ellipsoid on the invariable plane" };
 const INSIDE = { momentum: "momentum sphere", ellipsoid: "polhode on the inertia ellipsoid" };
 // times of days on the screen where the scene lasts for days
-const CLOCK = DATA.end > 1e5 ? { by: 86400, unit: "days" } : { by: 1, unit: "s" };
+const CLOCK = DATA.end > 1e5 ? { by: 86400, unit: "days", one: "day" } : { by: 1, unit: "s", one: "s" };
 let stages, charts;
 
 // triangles of the unit ball
@@ -172,7 +172,7 @@ function drawCharts() {
   if ($("quantity").value === "euler") for (const k of [0, 2]) {
     const { y } = series[k], rate = meanRate(t, unwrapped(y), peaks);
     series[k].y = y.map((x, i) => x - rate * (t[i] - t[0]));
-    if (rate) shown[k] = series[k].name = `${names[k]} ${rate > 0 ? "−" : "+"} (${nice(+Math.abs(rate).toPrecision(4))}°/${CLOCK.unit}) t`;
+    if (rate) shown[k] = series[k].name = `${names[k]} ${rate > 0 ? "−" : "+"} (${nice(+Math.abs(rate).toPrecision(4))}°/${CLOCK.one}) t`;
   }
   charts.motion.draw({ series, across, upward });
   legend("names", shown);

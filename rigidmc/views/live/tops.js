@@ -59,13 +59,13 @@ function readings(samples, t, peaks) {
   const last = samples.at(-1), digits = (x, n = 4) => nice(+x.toPrecision(n)), list = [], theta = samples.map(s => degrees(eulerOf(s)[1]));
   const low = Math.min(...theta), high = Math.max(...theta);
   list.push(["θ", `${digits(theta.at(-1))}° (${digits(low)}° to ${digits(high)}°)`]);
-  if (!DATA.isFree && t.length > 2) list.push(["mean dφ/dt", `${digits(meanRate(t, unwrapped(samples.map(s => degrees(eulerOf(s)[0]))), peaks))}°/${CLOCK.unit}`]);
+  if (!DATA.isFree && t.length > 2) list.push(["mean dφ/dt", `${digits(meanRate(t, unwrapped(samples.map(s => degrees(eulerOf(s)[0]))), peaks))}°/${CLOCK.one}`]);
   const count = peaks.length - 1;
   if (count > 0) list.push(["nutation", `${digits((peaks.at(-1) - peaks[0]) / count)} ${CLOCK.unit}, mean of ${count.toLocaleString("en")}`]);
   if (isFinite(last.energy)) list.push(["E", `${digits(last.energy, 6)} J`]);
   list.push(["|L|²", `${digits(inner(last.l, last.l), 6)} kg² m⁴/s²`]);
   const top = topOf();
-  if (top?.spin) list.push(["steady precession", isNaN(top.slow) ? `from ω₃ = ${digits(top.needed)} rad/s on` : `${digits(degrees(top.slow) * CLOCK.by)}°/${CLOCK.unit}`],
+  if (top?.spin) list.push(["steady precession", isNaN(top.slow) ? `from ω₃ = ${digits(top.needed)} rad/s on` : `${digits(degrees(top.slow) * CLOCK.by)}°/${CLOCK.one}`],
     ["sleeps upright from ω₃ =", `${digits(top.least)} rad/s on`]);
   return list;
 }

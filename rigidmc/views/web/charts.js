@@ -5,7 +5,7 @@ function ticks(low, high, count) {
   const step = power * ([1, 2, 5, 10].find(s => s * power >= raw));
   const list = [];
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) list.push(k * step);
-  return list;
+  return list.length > 2 || count > 16 ? list : ticks(low, high, 2 * count);
 }
 const nice = x => x === 0 ? "0" : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-3
   ? (+x.toPrecision(6)).toExponential().replace("e+", "e") : String(+x.toPrecision(6));
