@@ -52,7 +52,7 @@ def opposite_products(tensor: Any) -> Array:
 
 def likely_causes(tensor: Any, mass: float, centre: Any) -> tuple[str, ...]:
     """Return the likely causes that a body cannot exist, each with the numbers of the corrected
-    body: first the cause with which m c^2 and the moments fit those of real bodies best.
+    body: first the cause with which m c^2 and the moments fit a real body best.
 
     tensor (3, 3) [kg m^2] about the fixed point;  mass [kg];  centre (3,) [m]
     """
@@ -74,7 +74,7 @@ def causes_text(tensor: Any, mass: float, centre: Any) -> str:
 
 
 def _causes(tensor: Array, mass: float, centre: Array) -> Iterator[tuple[float, str]]:
-    """Yield (decades by which the numbers miss those of real bodies, cause)."""
+    """Yield (decades by which the numbers miss a real body, cause)."""
     size = mass * float(centre @ centre) / np.abs(np.linalg.eigvalsh(tensor)).max()
     decades = float(np.log10(size)) if size > 0.0 else _ABOUT_PIVOT
     far, near = abs(decades - _ABOUT_CENTRE), abs(decades - _ABOUT_PIVOT)

@@ -8,7 +8,7 @@ stale physics, so a stamp accepts only a short list of things:
 - plain numbers, strings, None, tuples and NamedTuples of these; numbers and arrays of NumPy
 - NamedTuples as classes: fields, defaults, and the compiled methods
 - objects of builtins, math, numpy and rigidmc under their own names; the versions are in the name
-  of the cache folder, those of rigidmc with the stamp of their sources
+  of the cache folder, the version of rigidmc with the stamp of its sources
 
 A class that reads anything else, such as a function of `ctypes`, has no stamp. Within a process its
 identity distinguishes such an object, and another process compiles the class again.
@@ -210,7 +210,7 @@ def _of_function(function: FunctionType) -> Words:
 
 
 def _of_code(code: CodeType) -> Iterator[Any]:
-    """Yield the words of bytecode, those of constants with what they belong to."""
+    """Yield the words of bytecode; words of constants with the code that they belong to."""
     counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
     names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
     yield f"{code.co_code.hex()} {code.co_exceptiontable.hex()} {counts} {names}"
