@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from rigidmc.figures import COLOURS, LIGHT, figure_of, legend_above, new_figure
+from rigidmc.figures import COLOURS, LIGHT, MARKERS, figure_of, legend_above, new_figure
 from rigidmc.results.labels import in_symbols, long_label
 
 LOWEST = 1e-32  # indices below it are drawn as this
@@ -23,12 +23,12 @@ def lyapunov_spectrum(study: xr.Dataset, figure: Figure | None = None) -> Figure
     """
     figure = figure or new_figure(f"{study.attrs['title']}: Lyapunov spectrum", (10.0, 4.6))
     left, right = figure.subplots(1, 2)
-    for i, colour in zip(study.exponent.values, COLOURS, strict=False):
-        _draw(left, study.exponents.sel(exponent=i), in_symbols(f"lambda[{i}]"), colour)
+    for place, i in enumerate(study.exponent.values):
+        _draw(left, study.exponents.sel(exponent=i), in_symbols(f"lambda[{i}]"), place)
     left.set_ylabel(long_label(study.exponents))
-    for k, colour in zip(study.k.values, COLOURS[1:], strict=False):
-        _draw(right, np.maximum(study.gali.sel(k=k), LOWEST), f"GALI {k}", colour)
-    _draw(right, np.maximum(study.sali, LOWEST), "SALI", COLOURS[0], ls=":")
+    _draw(right, np.maximum(study.sali, LOWEST), "SALI", 0)
+    for place, k in enumerate(study.k.values):
+        _draw(right, np.maximum(study.gali.sel(k=k), LOWEST), f"GALI {k}", place + 1)
     right.set_yscale("log")
     right.set_ylabel("alignment index")
     for axes in (left, right):
@@ -38,13 +38,16 @@ def lyapunov_spectrum(study: xr.Dataset, figure: Figure | None = None) -> Figure
     return figure_of(left)
 
 
-def _draw(axes: Any, values: xr.DataArray, label: str, colour: str, ls: str = "-") -> None:
-    """Draw the quartiles of values (time, member) over time."""
+def _draw(axes: Any, values: xr.DataArray, label: str, place: int) -> None:
+    """Draw the quartiles of values (time, member) over time, in the colour and with the marker of a
+    place."""
     rows = values.transpose("time", "member").values
     known = np.isfinite(rows).any(axis=1)
     if not known.any():
         return
     low, middle, high = np.nanquantile(rows[known], [0.25, 0.5, 0.75], axis=1)
     times = values.time.values[known]
-    axes.plot(times, middle, color=colour, lw=1.2, ls=ls, label=label)
+    colour, marked = COLOURS[place], (0.02 * place, 0.15)  # of the length of the axes
+    style = {"marker": MARKERS[place], "markevery": marked, "ms": 4.0, "lw": 1.2}
+    axes.plot(times, middle, color=colour, label=label, **style)
     axes.fill_between(times, low, high, color=colour, alpha=0.15, lw=0.0)
