@@ -1,0 +1,386 @@
+"""Derivatives against an integration that shares no code with the package: complex steps.
+
+Euler's equations with the full tensor, in complex numbers, by scipy: the imaginary part of the end
+for a number x + 1e-30 i is its derivative, without differences. Quantiles come from scipy and
+mpmath. Widths, bounds and mixtures of distributions, columns of tables, sizes of solids; and event
+times that graze, come at a save, or never come.
+"""
+
+import math
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy import optimize
+from scipy.integrate import solve_ivp
+
+import rigidmc as rm
+
+STEP = 1e-30  # of the imaginary part: its square is below rounding
+RUN = {"integrator": "rk8", "dt": 0.005, "t_end": 1.0}
+OMEGA, ANGLES, G = (1.0, 2.0, 3.0), (0.1, 0.7, 0.3), 9.81
+TENSOR = ((2.0, 0.2, -0.1), (0.2, 3.0, 0.3), (-0.1, 0.3, 4.0))
+CENTRE = (0.11, -0.21, 0.34)
+HEAVY = {"tensor": TENSOR, "mass": 1.5, "centre": CENTRE, "omega": OMEGA, "angles": ANGLES, "g": G}
+
+
+def about(axis, angle):
+    """The matrix of a turn about a coordinate axis."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    turn = np.eye(3, dtype=complex)
+    turn[i, i] = turn[j, j] = np.cos(angle)
+    turn[j, i], turn[i, j] = np.sin(angle), -np.sin(angle)
+    return turn
+
+
+def cross(a, b):
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
+
+
+def motion(tensor, mass, centre, omega, angles, g, t_end=1.0):
+    """The solution of a heavy body, angular velocity (3,) and rows of the attitude matrix (9,)."""
+    inertia, c = np.array(tensor, dtype=complex), np.array(centre, dtype=complex)
+    inverse = np.linalg.inv(inertia)
+    phi, theta, psi = angles
+    start = about(2, phi) @ about(0, theta) @ about(2, psi)
+
+    def rate(t, y):
+        w, turn = y[:3], y[3:].reshape(3, 3)
+        torque = cross(c, -mass * g * turn[2])  # the weight in body axes
+        spin = inverse @ (torque - cross(w, inertia @ w))
+        return np.concatenate([spin, np.stack([cross(row, w) for row in turn]).ravel()])
+
+    y = np.concatenate([np.array(omega, dtype=complex), start.ravel()])
+    return solve_ivp(rate, (0.0, t_end), y, "DOP853", rtol=1e-13, atol=1e-14)
+
+
+def marked(name, i=None, j=None):
+    """HEAVY with an imaginary part in one number; a tensor stays symmetric."""
+    values = dict(HEAVY)
+    whole = np.array(values[name], dtype=complex)
+    if j is not None:
+        whole[i, j] += 1j * STEP
+        if i != j:
+            whole[j, i] += 1j * STEP
+    elif whole.ndim:
+        whole[i] += 1j * STEP
+    else:
+        whole = whole + 1j * STEP
+    return values | {name: whole}
+
+
+def by_complex_step(values):
+    """The derivatives (3,) of omega at the end."""
+    return motion(**values).y[:3, -1].imag / STEP
+
+
+def off(found, expected):
+    """The relative error of derivatives; of those that are 0, the error over 0.01."""
+    return float(np.abs(found - expected).max() / max(np.abs(expected).max(), 0.01))
+
+
+def heavy(omega=OMEGA, attitude=ANGLES, g=G, tensor=TENSOR, mass=1.5, centre=CENTRE):
+    body = rm.Body.from_tensor(np.array(tensor), mass, centre)
+    return rm.Scene(body, rm.Gravity(g), rm.Start(omega=omega, attitude=attitude))
+
+
+def derivatives(scene, names, members=1):
+    """The result, and derivatives (parameter, 3, member) of omega at the end."""
+    ds = rm.simulate(scene, wrt=names, save=("omega",), members=members, seed=3, **RUN)
+    assert not ds.status.values.any()
+    return ds, ds.d_omega.isel(time=-1).transpose("parameter", "axis", "member").values
+
+
+def moved_quantile(quantile, u, p, key):
+    """dx/dp at the fixed probability u, by a difference of 40 digits."""
+    with mp.workdps(40):
+        h = mp.mpf(10) ** -14
+        at = [quantile(u, p | {key: mp.mpf(p[key]) + sign * h}) for sign in (1, -1)]
+        return float((at[0] - at[1]) / (2 * h))
+
+
+def normal_probability(x, p):
+    return mp.ncdf((mp.mpf(x) - p["mean"]) / p["sd"])
+
+
+def normal_quantile(u, p):
+    return p["mean"] + p["sd"] * mp.sqrt(2) * mp.erfinv(2 * u - 1)
+
+
+def truncated_quantile(u, p):
+    low, high = (normal_probability(p[key], p) for key in ("low", "high"))
+    return normal_quantile(low + u * (high - low), p)
+
+
+LAWS = {
+    # {name: (distribution, its numbers, quantile, probability, {name in wrt: key})}
+    "normal": (
+        rm.normal(1.0, 0.3), {"mean": 1.0, "sd": 0.3}, normal_quantile, normal_probability,
+        {"mean": "mean", "standard_deviation": "sd"},
+    ),
+    "uniform": (
+        rm.uniform(0.5, 1.5), {"low": 0.5, "high": 1.5},
+        lambda u, p: p["low"] + u * (p["high"] - p["low"]),
+        lambda x, p: (mp.mpf(x) - p["low"]) / (p["high"] - p["low"]),
+        {"low": "low", "high": "high"},
+    ),
+    "truncated": (
+        rm.normal(1.0, 0.3).between(0.8, 1.9),
+        {"mean": 1.0, "sd": 0.3, "low": 0.8, "high": 1.9}, truncated_quantile,
+        lambda x, p: (normal_probability(x, p) - normal_probability(p["low"], p))
+        / (normal_probability(p["high"], p) - normal_probability(p["low"], p)),
+        {"mean": "mean", "standard_deviation": "sd", "between.1": "low", "between.2": "high"},
+    ),
+    "one side": (
+        rm.normal(1.0, 0.3).between(1.2, math.inf),
+        {"mean": 1.0, "sd": 0.3, "low": 1.2, "high": mp.inf}, truncated_quantile,
+        lambda x, p: (normal_probability(x, p) - normal_probability(p["low"], p))
+        / (1 - normal_probability(p["low"], p)),
+        {"mean": "mean", "standard_deviation": "sd", "between.1": "low"},
+    ),
+    "far tail": (
+        rm.normal(1.0, 0.1).between(1.5, 1.6),
+        {"mean": 1.0, "sd": 0.1, "low": 1.5, "high": 1.6}, truncated_quantile,
+        lambda x, p: (normal_probability(x, p) - normal_probability(p["low"], p))
+        / (normal_probability(p["high"], p) - normal_probability(p["low"], p)),
+        {"mean": "mean", "standard_deviation": "sd", "between.1": "low", "between.2": "high"},
+    ),
+    "exponential": (
+        rm.distribution("expon", loc=0.5, scale=0.4), {"loc": 0.5, "scale": 0.4},
+        lambda u, p: p["loc"] - p["scale"] * mp.log1p(-u),
+        lambda x, p: 1 - mp.exp(-(mp.mpf(x) - p["loc"]) / p["scale"]),
+        {"loc": "loc", "scale": "scale"},
+    ),
+    "truncated exponential": (
+        rm.distribution("expon", loc=0.5, scale=0.4).between(0.7, 1.3),
+        {"loc": 0.5, "scale": 0.4, "low": 0.7, "high": 1.3},
+        lambda u, p: p["loc"] - p["scale"] * mp.log(
+            (1 - u) * mp.exp(-(p["low"] - p["loc"]) / p["scale"])
+            + u * mp.exp(-(p["high"] - p["loc"]) / p["scale"])),
+        lambda x, p: (mp.exp(-(p["low"] - p["loc"]) / p["scale"])
+                      - mp.exp(-(mp.mpf(x) - p["loc"]) / p["scale"]))
+        / (mp.exp(-(p["low"] - p["loc"]) / p["scale"])
+           - mp.exp(-(p["high"] - p["loc"]) / p["scale"])),
+        {"loc": "loc", "scale": "scale", "between.1": "low", "between.2": "high"},
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def by_omega():
+    """The derivatives of omega at the end by its first component at the start, for any number."""
+
+    def rate(x):
+        return by_complex_step(HEAVY | {"omega": (x + 1j * STEP, *OMEGA[1:])})
+
+    return rate
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LAWS)
+def test_parameters_of_distributions(name, by_omega):
+    law, numbers, quantile, probability, words = LAWS[name]
+    names = tuple(f"start.omega.1.{word}" for word in words)
+    ds, found = derivatives(heavy(omega=(law, *OMEGA[1:])), names, members=6)
+    for k, x in enumerate(ds.start_omega.transpose("axis", "member").values[0].tolist()):
+        with mp.workdps(40):
+            u = probability(x, numbers)
+        rate = by_omega(x)
+        for j, key in enumerate(words.values()):
+            by = moved_quantile(quantile, u, numbers, key)
+            assert off(found[j, :, k], by * rate) < 3e-12, (name, key, x)  # measured 3.1e-13
+
+
+@pytest.mark.slow
+def test_parameters_of_mixtures(by_omega):
+    parts = {"1": {"mean": 1.0, "sd": 0.05}, "2": {"mean": 2.0, "sd": 0.1}}
+    laws = [rm.normal(*part.values()) for part in parts.values()]
+    law = rm.mixture((0.4, laws[0]), (0.6, laws[1]))
+    words = {"mean": "mean", "standard_deviation": "sd"}
+    names = tuple(f"start.omega.1.{i}.{word}" for i in parts for word in words)
+    ds, found = derivatives(heavy(omega=(law, *OMEGA[1:])), names, members=8)
+    for k, x in enumerate(ds.start_omega.transpose("axis", "member").values[0].tolist()):
+        own = "1" if x < 1.5 else "2"
+        with mp.workdps(40):
+            u = normal_probability(x, parts[own])
+        for j, (i, key) in enumerate((i, key) for i in parts for key in words.values()):
+            if i != own:
+                assert not found[j, :, k].any()
+                continue
+            by = moved_quantile(normal_quantile, u, parts[i], key)
+            assert off(found[j, :, k], by * by_omega(x)) < 1e-13, (i, key, x)  # measured 9.2e-15
+
+
+@pytest.mark.slow
+def test_columns_of_tables():
+    rng = np.random.default_rng(5)
+    spins, weights = rng.normal(2.0, 0.5, (4, 3)), rng.uniform(5.0, 12.0, 4)
+    tensors = np.array(TENSOR) + 0.05 * (a := rng.normal(size=(4, 3, 3))) + 0.05 * a.swapaxes(1, 2)
+    scene = heavy(omega=spins, g=weights, tensor=tensors)
+    elements = {f"body.tensor.{i + 1}.{j + 1}": (i, j) for i in range(3) for j in range(i, 3)}
+    others = {f"start.omega.{i + 1}": ("omega", i) for i in range(3)} | {
+        "effects.gravity.g": ("g",), "body.mass": ("mass",),
+        **{f"body.centre.{i + 1}": ("centre", i) for i in range(3)},
+    }  # fmt: skip
+    marks = {name: ("tensor", *place) for name, place in elements.items()} | others
+    _, found = derivatives(scene, tuple(marks), members=4)
+    for k in range(4):
+        row = {"omega": spins[k], "g": weights[k], "tensor": tensors[k]}
+        for j, (name, (field, *place)) in enumerate(marks.items()):
+            values = HEAVY | row
+            whole = np.array(values[field], dtype=complex)
+            for at in {tuple(place), tuple(place[::-1])}:
+                whole[at] += 1j * STEP
+            expected = by_complex_step(values | {field: whole})
+            assert off(found[j, :, k], expected) < 1e-13, (name, k)  # measured 1.0e-14
+
+
+def diagonal(m, x, y, z):
+    return m * np.diag(np.array([x, y, z], dtype=complex))
+
+
+SOLIDS = {
+    # {solid: (sizes, function of them: mass, centre, tensor about the origin)}
+    "box": (
+        {"mass": 2.0, "size": (0.3, 0.5, 0.7)},
+        lambda mass, size: (mass, (0, 0, 0), diagonal(
+            mass / 12, size[1] ** 2 + size[2] ** 2, size[2] ** 2 + size[0] ** 2,
+            size[0] ** 2 + size[1] ** 2)),
+    ),
+    "cylinder": (
+        {"mass": 2.0, "radius": 0.3, "height": 0.9},
+        lambda mass, radius, height: (mass, (0, 0, 0), diagonal(
+            mass, radius**2 / 4 + height**2 / 12, radius**2 / 4 + height**2 / 12, radius**2 / 2)),
+    ),
+    "hollow_cylinder": (
+        {"mass": 2.0, "inner": 0.3, "outer": 0.5, "height": 0.8},
+        lambda mass, inner, outer, height: (mass, (0, 0, 0), diagonal(
+            mass, (inner**2 + outer**2) / 4 + height**2 / 12,
+            (inner**2 + outer**2) / 4 + height**2 / 12, (inner**2 + outer**2) / 2)),
+    ),
+    "cone": (
+        {"mass": 2.0, "radius": 0.3, "height": 0.9},
+        lambda mass, radius, height: (mass, (0, 0, 0.75 * height), diagonal(
+            0.6 * mass, radius**2 / 4 + height**2, radius**2 / 4 + height**2, radius**2 / 2)),
+    ),
+    "ellipsoid": (
+        {"mass": 2.0, "semiaxes": (0.3, 0.5, 0.6)},
+        lambda mass, semiaxes: (mass, (0, 0, 0), diagonal(
+            mass / 5, semiaxes[1] ** 2 + semiaxes[2] ** 2, semiaxes[2] ** 2 + semiaxes[0] ** 2,
+            semiaxes[0] ** 2 + semiaxes[1] ** 2)),
+    ),
+}  # fmt: skip
+
+
+def about_pivot(mass, centre, tensor, pivot):
+    """Mass, centre and tensor about a point, by the parallel-axis theorem."""
+    old = np.array(centre, dtype=complex)
+    new = old - np.array(pivot)
+    for sign, arm in ((-1.0, old), (1.0, new)):
+        tensor = tensor + sign * mass * (sum(arm * arm) * np.eye(3) - np.outer(arm, arm))
+    return {"mass": mass, "centre": new, "tensor": tensor}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pivot", [(0.0, 0.0, -0.4), (0.05, 0.12, -0.2)])
+@pytest.mark.parametrize("name", SOLIDS)
+def test_sizes_of_solids(name, pivot):
+    sizes, make = SOLIDS[name]
+    body = rm.Body.solid(name, **sizes).with_pivot(pivot)
+    places = [
+        (key, i) for key, x in sizes.items() for i in (range(len(x)) if np.ndim(x) else (None,))
+    ]
+    names = [f"body.{name}.{key}" + ("" if i is None else f".{i + 1}") for key, i in places]
+    scene = rm.Scene(body, rm.Gravity(G), rm.Start(omega=OMEGA, attitude=ANGLES))
+    _, found = derivatives(scene, tuple(names))
+    for j, (key, i) in enumerate(places):
+        size = np.array(sizes[key], dtype=complex)
+        size[() if i is None else i] += 1j * STEP
+        whole = about_pivot(*make(**sizes | {key: size}), pivot)
+        expected = by_complex_step(HEAVY | whole)
+        assert off(found[j, :, 0], expected) < 5e-11, names[j]  # measured 4.7e-12
+
+
+WRT = {
+    "start.omega.1": ("omega", 0), "start.attitude.theta": ("angles", 1),
+    "effects.gravity.g": ("g",), "body.mass": ("mass",), "body.tensor.1.2": ("tensor", 0, 1),
+}  # fmt: skip
+
+
+def height(values, t):
+    """The cosine of the lean of axis 3 at a time, with its imaginary part, and its rate."""
+    y = motion(**values, t_end=t).y[:, -1]
+    w, turn = y[:3], y[3:].reshape(3, 3)
+    return turn[2, 2], cross(turn[2], w)[2].real
+
+
+def passage(angle, t_end=2.0, **more):
+    """The time of passage, and its derivatives by WRT."""
+    plain = heavy()
+    scene = rm.Scene(
+        plain.body, plain.effects, plain.start, observables=(rm.Passage(3, angle, **more),)
+    )
+    run = RUN | {"t_end": t_end, "every": min(0.25, t_end), "members": 1}
+    ds = rm.simulate(scene, wrt=tuple(WRT), save=("omega", "passage"), **run)
+    return float(ds.passage_first[0]), ds.d_passage_first.values[:, 0]
+
+
+def expected_at(t):
+    """The derivatives by WRT of the time at which the lean passes its value at t."""
+    at = [height(marked(field, *place), t) for field, *place in WRT.values()]
+    return np.array([-value.imag / STEP / rate for value, rate in at])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("t", [0.004, 0.005, 0.1, 0.25, 0.3333, 0.5, 0.75, 1.0, 1.1])
+@pytest.mark.parametrize("t_end", [2.0, None])
+def test_times_of_events_at_and_between_saves(t, t_end):
+    """Times at steps, at saves, at the end of the run (None), and between."""
+    angle = math.acos(height(HEAVY, t)[0].real)
+    found, derivatives = passage(angle, t_end or math.ceil(t / 0.005 - 1e-9) * 0.005)
+    if t_end is None and math.isnan(found):  # rounding puts it after the end
+        assert np.isnan(derivatives).all()
+        return
+    assert abs(found - t) < 1e-11
+    assert off(derivatives, expected_at(t)) < 1e-12, t  # measured 9.6e-14
+
+
+def turning_point():
+    """(time, lean) of the largest lean."""
+    t = optimize.brentq(lambda t: height(HEAVY, t)[1], 1.1, 1.4, xtol=1e-14)
+    return t, math.acos(height(HEAVY, t)[0].real)
+
+
+@pytest.mark.slow
+def test_times_of_events_that_graze():
+    """The lean exceeds the angle by less and less: derivatives grow as the root of it.
+
+    Below 5e-8 rad the eight steps back to an event do not converge: at 1e-8 rad its time is off by
+    5e-8 s, and the derivatives by 6e-4.
+    """
+    top, lean = turning_point()
+    for short in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7):
+        angle = lean - short
+        level = math.cos(angle)
+
+        def beyond(t, level=level):
+            return height(HEAVY, t)[0].real - level
+
+        t = optimize.brentq(beyond, top - 0.25, top, xtol=1e-15)
+        found, derivatives = passage(angle)
+        assert abs(found - t) < 1e-10, short  # measured 6.4e-12
+        # the rate of the lean at the passage loses digits: measured 2.1e-15/short
+        assert off(derivatives, expected_at(t)) < 1e-12 + 1e-14 / short, short
+
+
+@pytest.mark.slow
+def test_events_that_never_come_and_that_are_there_at_the_start():
+    _, lean = turning_point()
+    for more in (1e-9, 1e-4, 0.5):
+        found, derivatives = passage(lean + more)
+        assert math.isnan(found) and np.isnan(derivatives).all()
+    for less in (1e-9, 0.1):
+        found, derivatives = passage(ANGLES[1] - less)
+        assert found == 0.0 and not derivatives.any()
