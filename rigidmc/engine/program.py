@@ -115,7 +115,7 @@ class Program:
         states after steps
     paired : whether a step uses the noise of two steps of half its length, to follow their path as
         closely as possible; all members have the same steps
-    shortens : whether the last interval may have steps of another length
+    shortens : whether some steps have another length
     axes : whether observables and events are of axes other than the principal axes, see
         `rigidmc.physics.dynamics.body_axes`
     derivatives : the derivatives that a block has
@@ -259,7 +259,7 @@ class Program:
             begin_growth=dual(growth, begin_growth, (form, effects), "pswif", growing),
             record_growth=dual(growth, record_growth, (form, effects), "pswiff", growing),
             change_length=dual(
-                shape.changes_length, last_interval.change_length, last, "pswfffi", self.moving
+                shape.changes_length, last_interval.change_length, last, "pswffffi", self.moving
             ),
             reweigh=dual(shape.reweighs, last_interval.reweigh, (events, running), "wif"),
         )
@@ -349,11 +349,13 @@ class Program:
         """
         # A step of n substeps takes n times as long.
         longest = max(1, CALL // (max(1, block.shape[1]) * (len(self.scheme.substeps) - 1)))
-        for first in range(steps.first, steps.last, longest):
-            last = min(steps.last, first + longest)
+        first = steps.first
+        while first < steps.last:
+            last = min(steps.last, steps.whole(first + longest))
             self.advance(block, steps._replace(first=first, last=last), noise, saves)
             while (yield last):  # the state is in the block
                 pass
+            first = last
 
     def advance(
         self, block: NDArray[np.float64], steps: StepRange, noise: NoiseKeys | None = None,

@@ -21,6 +21,7 @@ from rigidmc.physics.observables.protocol import (
     Growth,
     Running,
 )
+from rigidmc.planning.switches import check_switches
 from rigidmc.scene.amounts import count_text
 from rigidmc.scene.derivative_names import END
 from rigidmc.scene.derivatives import derivative_name
@@ -57,6 +58,8 @@ def check_scene(scene: Scene, recording: Recording) -> None:
         raise SceneError(rule, at="run.save", value="work")
     if recording.has_noise_sums and (rule := _no_noise_sums(model, recording)):
         raise SceneError(rule, at="run.save", value="noise_score")
+    growing = [label for label, one in recording.monitored if isinstance(one, Growth)]
+    check_switches(model, run, growing)
     if run.wrt:
         _check_derivatives(run, model, recording)
     if run.wrt and is_uncompiled():

@@ -14,14 +14,13 @@ from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.engine.inspection import refusal_of, scalar_parts
 from rigidmc.engine.machine import is_uncompiled
 from rigidmc.errors import SceneError
-from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.dynamics.methods import arguments, implements
-from rigidmc.physics.effects import EFFECTS, label_effects
+from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.bath import Bath
 from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.physics.effects.pivot import MovingPivot
-from rigidmc.physics.effects.protocol import blank, facts, from_numbers, numbers, shape, torque
+from rigidmc.physics.effects.protocol import blank, facts, from_numbers, shape
 from rigidmc.physics.observables import KNOWN, label_observables, word_of_observable
 from rigidmc.physics.observables.protocol import is_attitude, is_body_vector
 from rigidmc.planning.body_notes import (
@@ -31,10 +30,10 @@ from rigidmc.planning.body_notes import (
     undetermined_axes,
     unlike_matter,
 )
+from rigidmc.planning.effect_notes import idle_effects, is_shipped, kink_notes
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.start_notes import CURE, FEW, angle_notes, motionless, quaternion_notes
 from rigidmc.planning.units import UnitScale
-from rigidmc.scene.amounts import count_text
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import draw
 from rigidmc.scene.settings import Run, idle
@@ -301,6 +300,10 @@ def _hot(seen: PilotFacts) -> Iterator[str]:
             )
 
 
+def _kinks(seen: PilotFacts) -> Iterator[str]:
+    yield from kink_notes(seen.effects, seen.moments, seen.mass * seen.centre, seen.run.t_end)
+
+
 LOOKS: tuple[Callable[[PilotFacts], Iterator[str]], ...] = (
     _idle,
     _one_at_a_time,
@@ -315,6 +318,7 @@ LOOKS: tuple[Callable[[PilotFacts], Iterator[str]], ...] = (
     _density,
     _no_mass,
     _hot,
+    _kinks,
 )
 
 
@@ -352,44 +356,3 @@ def idle_limits(run: Run, plan: Plan) -> Iterator[str]:
     if run.momentum_limit is not None and not bounded:
         reason = why["lz"] if plan.has_attitude else f"{why['l2']}, and L_z is not followed"
         yield f"[run] momentum_limit = {run.momentum_limit:g} has no effect: {reason}"
-
-
-def is_shipped(effect: Any) -> bool:
-    """Return whether an effect comes with the package."""
-    return type(effect) in EFFECTS.values()
-
-
-def idle_effects(effects: list[tuple[str, Any]], moments: Array, centre: Array) -> Iterator[str]:
-    """Find effects [(label, effect)] of the package that exert no torque on any of the given
-    members.
-
-    moments, centre : (3, n) of the members
-    """
-    size, few = np.abs(centre).max(), moments.shape[1]
-    with np.errstate(all="ignore"):
-        # scaled to size 1, so that no torque underflows to 0; a centre of 0 stays 0
-        scaled = tuple(moments / moments.max()), tuple(centre / (size or 1.0))
-        body = MassProperties.of(*scaled)
-    chance = np.random.default_rng(1)
-    for label, effect in effects:
-        if not is_shipped(effect) or any(_acts(effect, body, i, chance) for i in range(few)):
-            continue
-        why = "its torque is 0 at any attitude and spin"
-        if type(effect) in (Gravity, MovingPivot) and not centre.any():
-            why = "the centre of mass is on the fixed point: give [body] centre or pivot"
-        yield f"[effects.{label}] has no effect on the first {count_text(few, 'member')}: {why}"
-
-
-def _acts(effect: Any, bodies: MassProperties, i: int, chance: np.random.Generator) -> bool:
-    """Return whether an effect exerts a torque on member i at a random attitude, spin and time; for
-    a bath, whether it has friction."""
-    body = MassProperties(*(np.asarray(x)[i] for x in bodies[:BODY_NUMBERS]))
-    of_member = from_numbers(type(effect), [x[i] for _, _, x in numbers(effect)])
-    if isinstance(of_member, Bath):
-        return bool(of_member.gamma != 0.0)
-    q, l, t = (
-        chance.normal(size=4),
-        chance.normal(size=3) / max(body[:3]),
-        chance.uniform(0.1, 10.0),
-    )
-    return any(torque(of_member, body, t, tuple(q / np.linalg.norm(q)), tuple(l)))

@@ -39,6 +39,7 @@ from rigidmc.planning.steps import (
     rate_bounds,
     round_grid,
 )
+from rigidmc.planning.switches import switching_parameters
 from rigidmc.planning.tangents import tangents_at_start, tangents_of_members
 from rigidmc.scene.model import Model
 from rigidmc.scene.recording import Recording, conservation
@@ -133,6 +134,11 @@ class Plan(NamedTuple):
     def has_axes(self) -> bool:
         """Whether observables are of axes other than the principal axes."""
         return self.places.axes < self.places.end
+
+    @property
+    def has_switches(self) -> bool:
+        """Whether effects cut steps."""
+        return bool(switching_parameters(self.model.effects))
 
     @property
     def values(self) -> int:
@@ -265,7 +271,9 @@ def make_plan(
         rule = f"{saves:,} saves exceed the limit of {MOST_SAVES:,}"
         raise SceneError(rule, at="run.every", value=run.every)
     if found.is_shortened:
-        _refuse_counts(run, monitors)
+        _refuse_counts(monitors, "run.every", run.every, f"does not divide t_end = {run.t_end:g} s")
+    for name, time in switching_parameters(effects)[:1]:
+        _refuse_counts(monitors, name, time, "is a switching time")
     slots = found.save_steps
     is_thinned = "thinned" in recording.retained.values()
     conserved = conservation(effects, recording.has_work)
@@ -329,20 +337,22 @@ def _steps(effects: Sequence[Any], run: Run, pilot: NDArray[np.float64]) -> _Ste
     return _Steps(even, False, even.steps, angle, theta)
 
 
-def _refuse_counts(run: Run, monitors: Monitors) -> None:
-    """Raise SceneError for a custom observable over steps that cannot weigh shorter steps."""
+def _refuse_counts(monitors: Monitors, at: str, value: Any, why: str) -> None:
+    """Raise SceneError for an observable over steps that cannot weigh shorter steps.
+
+    at, value, why : the parameter that makes some steps shorter, and how
+    """
     if monitors.of_noise:
-        rule = (
-            f"does not divide t_end = {run.t_end:g} s, and noise_score needs steps of equal length"
-        )
-        raise SceneError(rule, at="run.every", value=run.every)
+        raise SceneError(f"{why}, and noise_score needs steps of equal length", at=at, value=value)
     for label, one in monitors.of_running:
         if counts_steps(one):
+            is_last = at == "run.every"
             rule = (
-                f"does not divide t_end = {run.t_end:g} s, and the last steps are shorter:"
-                f" {label} needs a method `reweighed`, or an `every` that divides t_end"
+                f"{why}, and {'the last steps' if is_last else 'steps around it'} are shorter: "
+                f"{label} needs a method `reweighed`"
             )
-            raise SceneError(rule, at="run.every", value=run.every)
+            rule += ", or an `every` that divides t_end" if is_last else ""
+            raise SceneError(rule, at=at, value=value)
 
 
 def _step_notes(kind: Integrator, steps: _Steps) -> tuple[str, ...]:

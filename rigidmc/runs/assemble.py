@@ -125,7 +125,7 @@ def make_program(
             ask=not compiled,
             nodes=plan.nodes,
             paired=plan.paired,
-            shortens=plan.grid.is_shortened,
+            shortens=plan.grid.is_shortened or plan.has_switches,
             axes=plan.has_axes,
             derivatives=derivatives,
             meanwhile=_import_xarray,

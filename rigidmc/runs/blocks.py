@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rigidmc.dual_arrays import DualArray, plain
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.arguments import NO_SAVE_STEPS, NoiseKeys, StepRange
+from rigidmc.engine.kernel.arguments import NO_CUTS, NO_SAVE_STEPS, NoiseKeys, StepRange
 from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import Keeper, run_alone, run_blocks
 from rigidmc.physics.dynamics.so3 import conjugate, multiply
@@ -19,6 +19,7 @@ from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.initial import Start, noise_keys, rows_to_fill
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import Array, order_by_steps
+from rigidmc.planning.switches import cut_rows
 from rigidmc.planning.units import UnitScale
 from rigidmc.progress import Progress, Report, reporter
 from rigidmc.results.layout import ResultLayout
@@ -42,6 +43,7 @@ class BlockJob(NamedTuple):
     h, slots, total : step [s], slots in a round, steps in all
     stride, save_steps : steps between saves; if 0, the steps that end at a save
     head, last_h : the number of steps after which h is `last_h`
+    cuts : parts of steps
     done : number of steps already made
     """
 
@@ -65,6 +67,7 @@ class BlockJob(NamedTuple):
     rounds: int
     done: int = 0
     save_steps: NDArray[np.int64] = NO_SAVE_STEPS
+    cuts: Array = NO_CUTS
 
     @property
     def steps(self) -> StepRange:
@@ -81,6 +84,7 @@ class BlockJob(NamedTuple):
             self.last_h,
             self.save_steps,
             self.save_steps.size,
+            self.cuts,
         )
 
 
@@ -202,6 +206,7 @@ def steps_of_job(plan: Plan, slots: int) -> dict[str, Any]:
         "head": slots * grid.head,
         "last_h": grid.last_dt,
         "rounds": grid.steps,
+        "cuts": cut_rows(plan.model.effects, grid.clock, grid.steps, plan.has_member_steps),
     }
 
 

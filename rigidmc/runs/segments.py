@@ -17,6 +17,7 @@ from rigidmc.engine.program import NO_SAVES
 from rigidmc.errors import SceneError
 from rigidmc.planning import monitors
 from rigidmc.planning.initial import Source, initial_block, noise_keys
+from rigidmc.planning.switches import cut_rows
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.quantities import of_members
 from rigidmc.scene.scene import Scene
@@ -75,7 +76,8 @@ class SegmentedRun:
         first, last = map(int, self.ends[part : part + 2])
         grid, effects, seed = plan.grid, plan.model.effects, plan.run.seed
         lengths = grid.head, grid.last_dt
-        run = StepRange(grid.dt, 1, grid.stride, grid.steps, 0, first, last, *lengths)
+        cuts = cut_rows(effects, grid.clock, grid.steps, False)
+        run = StepRange(grid.dt, 1, grid.stride, grid.steps, 0, first, last, *lengths, cuts=cuts)
         size, end = max(SHARE, whole_lanes(-(-count // self._threads))), end_of_work()
 
         def advance(low: int) -> Array:

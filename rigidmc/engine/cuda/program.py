@@ -144,16 +144,17 @@ class CudaProgram(LinkedProgram):
         frame, block_at = self.frame_for(stream.put, block, noise, kernels, substeps)
         order, frame_at = stream.put(saves.order), stream.room(frame.nbytes)
         listed = stream.put(steps.save_steps) if steps.save_count else 0
+        cuts = stream.put(steps.cuts)
         values = stream.room(8 * count * (max_saves + 1))  # the start is an extra save
         first, length = steps.first, FIRST
         while first < steps.last:
             next_full = steps.step_of_save(steps.saves_until(first) - 1 + max_saves)
-            last = min(steps.last, first + length, next_full)
+            last = min(steps.last, steps.whole(first + length), next_full)
             slots = range(steps.saves_until(first) if first else 0, steps.saves_until(last))
             # Kernels count saves from the start of the run; the memory begins with the first save
             # of this launch.
             out = SaveTarget(values - 8 * count * slots.start, members if count else 0, 0, order)
-            part = steps._replace(first=first, last=last, save_steps=listed)
+            part = steps._replace(first=first, last=last, save_steps=listed, cuts=cuts)
             stream.write(frame_at, fill_record(frame, part, out))
             started = time.perf_counter()
             stream.launch(frame_at, members)

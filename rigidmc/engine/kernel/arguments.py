@@ -17,6 +17,8 @@ Memory = Any  # an array, or its address on a GPU
 
 NO_STEP = 2**62  # a step number beyond every run
 NO_SAVE_STEPS = np.empty(0, np.int64)
+CUT_ROWS = 3  # numbers of a part of a cut step
+NO_CUTS = np.array([[1e300, 0.0, 0.0]])  # a row beyond every step, which ends the rows of all runs
 
 
 class KernelTable(NamedTuple):
@@ -99,6 +101,7 @@ class StepRange(NamedTuple):
     head, last_h : the step after which h is `last_h`, see `rigidmc.engine.kernel.last_interval`
     save_steps, save_count : with a stride of 0, the steps that end at a save, from 0 to the last,
         and their number
+    cuts : parts of steps, or of rounds, that effects cut, see `rigidmc.planning.switches`
     """
 
     h: float
@@ -112,6 +115,16 @@ class StepRange(NamedTuple):
     last_h: float = 1.0
     save_steps: Memory = NO_SAVE_STEPS
     save_count: int = 0
+    cuts: Memory = NO_CUTS
+
+    def whole(self, step: int) -> int:
+        """Return the step, or the end of its round if that is made in parts."""
+        unit = step // self.slots
+        return (
+            step
+            if step % self.slots == 0 or unit not in self.cuts[:, 0]
+            else (unit + 1) * self.slots
+        )
 
     def saves_until(self, step: int) -> int:
         """Return the number of saves from the start to a step, both of them included."""

@@ -15,7 +15,7 @@ import numpy as np
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.kernels import call_address
 from rigidmc.engine.compiler.memory import memory
-from rigidmc.engine.kernel.arguments import NO_STEP
+from rigidmc.engine.kernel.arguments import CUT_ROWS, NO_STEP
 from rigidmc.engine.kernel.layout import (
     BODY,
     BODY_AT,
@@ -43,6 +43,7 @@ ASSESS_INTERVAL = 64
 # Steps made before they are monitored: their states for 16 members, 7 x 33 x 16 numbers, fit in a
 # first-level cache of 32 kB.
 TRACE = 32
+OTHER_NOISE = 2**28  # of the number of a round, for the noise of another part of its steps
 
 
 def advance(tree, numbers, frame):
@@ -82,17 +83,25 @@ def run_pass(frame, low, part):
     now, idle = frame.first, False
     save = next_save(frame, now)
     save_step = step_of_save(frame, save)
+    cut = next_cut(frame, now)
     while now < frame.last:
         # the first step of the round; without member steps there is one round
         round_first = now // frame.slots * frame.slots if frame.member_steps != 0 else 0
-        stop = next_stop(frame, now, round_first, save_step)
+        stop, cut_step = next_stop(frame, now, round_first, save_step), step_of_cut(frame, cut)
         if now == frame.head:
-            begin_last_interval(frame, (frame.slots if frame.member_steps != 0 else now) * 1.0)
+            slots = frame.slots * 1.0 if frame.member_steps != 0 else now * 1.0
+            new_slot = 0.0 if frame.member_steps != 0 else slots  # each round begins with step 0
+            lengths = frame.h, frame.last_h
+            change_steps(frame, slots, new_slot, lengths, last_round_start(frame))
         elif frame.member_steps != 0 and now == round_first:
             for k in range(frame.lanes):
                 flat.work[ROUND_START * frame.lanes + k] = round_first // frame.slots * frame.h
-        if not idle:
-            make_steps(frame, round_first, now - round_first, stop - round_first)
+        if now == cut_step:
+            stop = now + frame.slots
+            cut = make_cut_steps(frame, cut, now, idle)
+        elif not idle:
+            stop = min_integer(stop, cut_step)
+            make_steps(frame, round_first, now - round_first, stop - round_first, 0)
         now, slot = stop, stop - round_first
         is_saved = now == save_step
         # No assessment where only a call ends: no result depends on how a run is cut into calls.
@@ -112,21 +121,56 @@ def run_pass(frame, low, part):
     return 0
 
 
-def begin_last_interval(frame, slot):
-    """Begin the last interval, whose steps have another length.
+def change_steps(frame, slot, new_slot, lengths, round_start):
+    """Begin steps of another length, see `rigidmc.engine.kernel.last_interval`.
 
-    slot : steps of the round before it
+    slot, new_slot : steps so far since the old and the new `round_start` [s]
+    lengths : of a step before and from now on, with member steps of a round [s]
     """
     flat, lanes, work = block_memory(frame), frame.lanes, block_memory(frame).work
-    own, h, round_start = frame.member_steps, frame.last_h, last_round_start(frame)
+    own, h = frame.member_steps, lengths[1]
     if frame.changes_length != 0:
-        arguments = flat.substeps, flat.state, work, slot, round_start, h, own
+        arguments = flat.substeps, flat.state, work, slot, new_slot, round_start, h, own
         call_address(frame.change_length, arguments)
     if frame.reweighs != 0:
-        call_address(frame.reweigh, (work, frame.monitor_row, frame.h / h))
+        call_address(frame.reweigh, (work, frame.monitor_row, lengths[0] / h))
     for k in range(lanes):
         work[STEP_LENGTH * lanes + k] = h / work[MEMBER_STEPS * lanes + k] if own != 0 else h
         work[ROUND_START * lanes + k] = round_start
+
+
+def make_cut_steps(frame, cut, now, idle):
+    """Make the step after `now`, or with member steps the round, in the parts from row `cut` on.
+
+    Return the row after these parts.
+    """
+    rows, own, work = memory(frame.cuts, frame.h), frame.member_steps, block_memory(frame).work
+    first, last = (0, frame.slots) if own != 0 else (now, now + 1)
+    h = frame.h if now < frame.head else frame.last_h
+    round_start = work[ROUND_START * frame.lanes]
+    begun, length, part = first * 1.0, h, 0
+    while step_of_cut(frame, cut) == now:
+        new, begins = rows[CUT_ROWS * cut + 1], rows[CUT_ROWS * cut + 2]
+        change_steps(frame, begun, first * 1.0, (length, new), begins)
+        if not idle:
+            make_steps(frame, now if own != 0 else 0, first, last, part)
+        begun, length, part, cut = last * 1.0, new, part + 1, cut + 1
+    change_steps(frame, begun, last * 1.0, (length, h), round_start)
+    return cut
+
+
+def next_cut(frame, now):
+    """Return the first row of parts of a step from `now` on."""
+    cut = 0
+    while step_of_cut(frame, cut) < now:
+        cut += 1
+    return cut
+
+
+def step_of_cut(frame, cut):
+    """Return the step before the part in a row; NO_STEP after the last row."""
+    unit = memory(frame.cuts, frame.h)[CUT_ROWS * cut]
+    return np.int64(unit) * frame.slots if unit < 1e18 else NO_STEP
 
 
 def first_round(frame):
@@ -219,10 +263,10 @@ def assess_members(frame, rounds, slot, late, planned):
     return call_address(frame.assess, arguments) == 0
 
 
-def make_steps(frame, round_first, first, last):
+def make_steps(frame, round_first, first, last, part):
     """Make and monitor the steps from `first` to `last` of a round.
 
-    round_first : the step with which the round began
+    round_first : the step with which the round began;  part : of these steps, 0 for the first
     """
     now, flat = first, block_memory(frame)
     substeps, state, work = flat.substeps, flat.state, flat.work
@@ -239,6 +283,7 @@ def make_steps(frame, round_first, first, last):
         if frame.member_steps != 0:
             stop = next_finish(frame, now, stop)
         rounds = round_first // frame.slots if frame.member_steps != 0 else 0
+        rounds += part * OTHER_NOISE
         # Lanes make steps together: the states of finished members are saved from them.
         idle = frame.member_steps != 0 and park_finished(frame, state, now, 1)
         march_members(frame, state, work, frame.monitors, rounds, now, stop)

@@ -1,4 +1,5 @@
-"""The last interval between saves, if it is shorter than the others: its steps have another length.
+"""Steps of another length: those of a last interval that is shorter than the others, and the parts
+of steps that effects cut.
 
 The count of steps goes on; only the rows STEP_LENGTH and ROUND_START change, between two steps. Two
 things depend on the length and change with it: the state, if an integrator keeps it one substep
@@ -32,11 +33,13 @@ from rigidmc.physics.integrators.protocol import extra_state, from_stepping, to_
 from rigidmc.physics.observables.protocol import reweighed
 
 
-def change_length(tree, numbers, substeps, state, work, slot, round_start, h, member_steps):
+def change_length(
+    tree, numbers, substeps, state, work, slot, new_slot, round_start, h, member_steps
+):
     """Convert a state after `slot` steps to stepping form for steps of another length.
 
-    round_start, h, member_steps : as in `rigidmc.engine.kernel.member.gather`, for the last
-        interval
+    new_slot : steps of that length since `round_start` until now
+    round_start, h, member_steps : as in `rigidmc.engine.kernel.member.gather`, for these steps
     """
     integrator, effects, compensated, work_flags = tree_unpack(tree, numbers)
     body, present = body_and_effects(effects, work)
@@ -49,7 +52,7 @@ def change_length(tree, numbers, substeps, state, work, slot, round_start, h, me
     t = times[ROUND_START] + (steps_done + substeps[3]) * old_h
     q, l = from_stepping(integrator, body, present, t, opening_substep(substeps, old_h), q, l)
     new_h = member_length(times, h, member_steps)
-    first_step = 0.0 if member_steps != 0 else slot  # each round begins with step 0
+    first_step = min(times[MEMBER_STEPS], new_slot)
     # The opening substep is undone with the old length and redone with the new one.
     t = cast_like(round_start, times) + (first_step + substeps[3]) * new_h
     q, l = to_stepping(integrator, body, present, t, opening_substep(substeps, new_h), q, l)

@@ -73,6 +73,7 @@ class WasmProgram(LinkedProgram):
 
         if steps.save_count:
             steps = steps._replace(save_steps=put(steps.save_steps))
+        steps = steps._replace(cuts=put(steps.cuts))
         kernels = [put(numbers) for numbers in self.kernel_numbers()]
         frame, at = self.frame_for(put, block, noise, kernels, put(self.substeps))
         members = block.shape[1]

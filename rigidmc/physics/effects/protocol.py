@@ -87,6 +87,7 @@ class EffectFacts(NamedTuple):
     shared : hidden parameters copied from another kind of effect in the scene, as
         {"wheel": ("rotor", "momentum")}; the sum over several effects, the default if there is none
     example : parameters of a typical effect, used by the tests
+    switches : parameters that are times at which the torque jumps or has a kink; steps end there
     is_random : whether it needs noise
     is_damping : whether it drives the body if its parameters are negative
     conserves_l2 : whether it conserves |L|
@@ -103,6 +104,7 @@ class EffectFacts(NamedTuple):
     hidden: tuple[str, ...] = ()
     shared: dict[str, tuple[str, str]] = {}
     example: tuple[Any, ...] = ()
+    switches: tuple[str, ...] = ()
     is_random: bool = False
     is_damping: bool = False
     conserves_l2: bool = False
@@ -159,7 +161,8 @@ def facts(effect: Effect | type[Effect]) -> EffectFacts:
 @cache
 def _facts(cls: type[Effect]) -> EffectFacts:
     stated = {name for name in EffectFacts._fields if hasattr(cls, name)} - {*cls._fields}
-    return EffectFacts(**{name: getattr(cls, name) for name in stated})
+    facts = EffectFacts(**{name: getattr(cls, name) for name in stated})
+    return facts._replace(units={**dict.fromkeys(facts.switches, "s"), **facts.units})
 
 
 def is_effect(value: object) -> TypeGuard[Effect]:

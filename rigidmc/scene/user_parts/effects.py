@@ -47,7 +47,8 @@ def check_effect_class(effect: Any) -> None:
     if not is_effect(effect):
         raise _not_an_effect(effect, kind)
     stated = facts(kind)
-    for name in ("units", "shapes", "limits", "in_body", "along_axes", "hidden", "shared"):
+    names = "switches", "units", "shapes", "limits", "in_body", "along_axes", "hidden", "shared"
+    for name in names:
         for field in getattr(stated, name):
             if field not in kind._fields:
                 known = ", ".join(kind._fields) or "none"
