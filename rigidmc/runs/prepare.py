@@ -32,7 +32,8 @@ from rigidmc.planning.monitors import has_attitude, make_monitors
 from rigidmc.planning.notes import scene_notes, step_notes
 from rigidmc.planning.plan import Plan, make_plan
 from rigidmc.planning.saves import FEW_MEMBERS, first_and_last, save_to_plot, settle_saves
-from rigidmc.planning.tolerance.choose import Choice, choose_integrator
+from rigidmc.planning.tolerance.choice import Choice
+from rigidmc.planning.tolerance.choose import choose_integrator
 from rigidmc.planning.units import UnitScale, choose_units, scale_scene
 from rigidmc.progress import Progress
 from rigidmc.results.layout import ResultLayout

@@ -1,36 +1,31 @@
 """Choose the integrator and step that reach an accuracy at the least cost, for a scene and a
-machine. Errors and costs are measured on a pilot.
+machine. Errors and costs are measured on a pilot."""
 
-A search uses up to twenty kernels. Each takes 3 s to compile, and Numba compiles one at a time, so
-a second process compiles half of them ahead (`compile_ahead`).
-"""
-
-import json
 import math
-import subprocess
-import sys
-import time
-from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
-from rigidmc.files.processes import start_helper
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import name_of
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.planning.check import check_scene
 from rigidmc.planning.steps import Array
+from rigidmc.planning.tolerance.ahead import compile_ahead
+from rigidmc.planning.tolerance.choice import Choice
 from rigidmc.planning.tolerance.costs import Candidate, Costs
 from rigidmc.planning.tolerance.deviation import errors, measure_growth, upper_quantile
-from rigidmc.planning.tolerance.ladder import candidates, ladder, measure_candidate
+from rigidmc.planning.tolerance.effort import AGREEMENT, growth_power, plan_search
+from rigidmc.planning.tolerance.ladder import LADDERS, candidates, ladder, measure_candidate
 from rigidmc.planning.tolerance.pilot import (
     ROUNDING,
     Pilot,
     first_steps,
     integrate_pilot,
+    part_of,
     pilot,
 )
 from rigidmc.planning.tolerance.truth import (
@@ -40,6 +35,7 @@ from rigidmc.planning.tolerance.truth import (
     integrate_reference,
     make_reference,
 )
+from rigidmc.progress import say
 from rigidmc.scene.amounts import count_text
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
@@ -63,7 +59,7 @@ SMOOTH = 16.0
 SAFETY = 0.8  # fraction of the tolerance that the pilot's error must keep
 
 
-def choose_integrator(scene: Scene) -> tuple[Scene, "Choice | None"]:
+def choose_integrator(scene: Scene) -> tuple[Scene, Choice | None]:
     """Return (scene, Choice) with the integrator, precision and step chosen for its tolerance.
 
     If the integrator is not "auto", returns the scene itself and None.
@@ -79,72 +75,6 @@ def choose_integrator(scene: Scene) -> tuple[Scene, "Choice | None"]:
     way = chosen.way
     step = {"dt": way.dt} if way.turn is None else {"turn": way.turn}
     return scene.with_run(integrator=way.integrator, dtype=way.dtype, **step), chosen
-
-
-class Choice(NamedTuple):
-    """The choice for `--tolerance`: the candidate, its error, and the alternatives.
-
-    predicted : error that 99 % of members stay below
-    checked : fraction of the members of a second pilot within the tolerance
-    runner_up : (Candidate, its cost relative to the chosen one), or None
-    """
-
-    way: Candidate
-    predicted: float
-    checked: float
-    truth: str
-    runner_up: tuple[Candidate, float] | None
-    ns_per_member: float
-    tolerance: float
-    members: int
-
-    def members_per_second(self, threads: int) -> float:
-        """Return members to t_end per second on all threads."""
-        return 1e9 * threads / self.ns_per_member
-
-    @property
-    def short(self) -> str:
-        """A warning if the predicted error exceeds the tolerance although finer steps were tried,
-        else ""."""
-        if self.predicted <= self.tolerance:
-            return ""
-        return (
-            f"the error bound for 99 % of members, {self.predicted:.2g}, exceeds the tolerance of "
-            f"{self.tolerance:g}; finer steps were tried"
-        )
-
-    def lines(self, count: int, seconds: float) -> list[str]:
-        """Describe the choice, its reasons, and the time that `count` members take."""
-        way, other = self.way, self.runner_up
-        lines = [
-            f"for a tolerance of {self.tolerance:g}: {way.with_precision()} {way.step}, the "
-            "cheapest that reaches it"
-        ]
-        if other is not None:
-            second = f"{other[0].with_precision()} {other[0].step}"
-            lines.append(f"  next best: {second}, at {other[1]:.2g} times the cost")
-        lines.append(
-            f"  99 % of members have errors below {self.predicted:.1e}; on a second pilot of "
-            f"{count_text(self.members, 'member')}, {100 * self.checked:.1f} % keep the tolerance"
-        )
-        lines += [f"  note: {self.short}"] * bool(self.short)
-        lines.append(f"  reference: {self.truth}")
-        lines.append(f"  about {seconds:.2g} s for {count_text(count, 'member')}")
-        return lines
-
-    def attributes(self) -> dict[str, Any]:
-        """Return the choice as attributes of a result, without any timing of this machine."""
-        way, other = self.way, self.runner_up
-        attributes: dict[str, Any] = {
-            "tolerance": self.tolerance,
-            "tolerance_predicted_error": self.predicted,
-            "tolerance_checked_share": self.checked,
-            "tolerance_truth": self.truth,
-            "tolerance_chosen": f"{way.with_precision()} {way.step}: the cheapest that reaches it",
-        }
-        if other is not None:
-            attributes["tolerance_runner_up"] = f"{other[0].with_precision()} {other[0].step}"
-        return attributes
 
 
 def choose(
@@ -165,39 +95,58 @@ def choose(
         )
         raise SceneError(rule, at="run.tolerance", value=tolerance)
     check_quiet(scene)
-    first = pilot(scene, members)
-    check_pilot(scene, first)
-    true, costs = make_reference(first), Costs(first)
+    full = pilot(scene, members)
+    check_pilot(scene, full)
+    extent = plan_search(full, tolerance)
+    if pilots := extent.words(scene.run.t_end):
+        say(f"choosing integrator and step for a tolerance of {tolerance:g}: {pilots}")
+    first = part_of(full, extent.members, extent.share)
+    # errors grow at most as the square of the time, unless the motion is chaotic
+    agreed = max(AGREED, AGREEMENT * tolerance * extent.share**2)
+    true, costs = make_reference(first, say, agreed), Costs(first)
     known = upper_quantile(true.error)
-    if known > tolerance:
+    if known > tolerance * extent.share:
         why = f"the reference itself is known only to {known:.1e} ({true.source})"
         raise _unreachable(scene, tolerance, first, known, why)
     contenders = integrators or _contenders(scene, tolerance)
-    ways, nearest = _ways(costs, true, tolerance, contenders)
+    ways, nearest = _ways(costs, true, tolerance, contenders, extent.share)
     if not ways:
         raise _unreachable(scene, tolerance, first, nearest, "no integrator does better")
     ways.sort(key=costs.per_member)
-    second = pilot(scene, members, first.first + first.members)._replace(
-        member_steps=first.member_steps
+    second = pilot(scene, members, full.first + full.members)._replace(
+        member_steps=first.member_steps, effort=first.effort
     )
-    check = _Check(costs, true, second, tolerance)
+    second = part_of(second, extent.checked, extent.checked_share)
+    check = _Check(costs, true, second, tolerance, extent.checked_share)
     spare = None  # keeps the tolerance on the second pilot, but too few members confirm it
     for way in ways:
         for _ in range(4):
+            if not first.effort.allows(check.work(way)):
+                break
             apart, source = check.of(way)
             share = float(np.mean(apart <= tolerance))
             if share >= 0.99:
-                predicted = max(way.upper, upper_quantile(apart))
+                predicted = upper_quantile(apart)
+                if not pilots:
+                    predicted = max(way.upper, predicted)
                 others = [w for w in ways if w.integrator != way.integrator]
                 cost = costs.per_member(way)
                 runner_up = (others[0], costs.per_member(others[0]) / cost) if others else None
                 chosen = Choice(
                     way, predicted, share, source, runner_up, cost, tolerance, second.members
                 )
+                if pilots:
+                    chosen = _of_whole_run(chosen, first, full)._replace(pilots=pilots)
                 if predicted <= tolerance:
                     return chosen
                 spare = spare or chosen
-            steps = first.base * math.ceil(1.2 * way.steps / first.base)
+            factor = 1.2
+            if pilots:  # the check is longer than the pilot, and shows how errors grow
+                nearest = upper_quantile(apart)
+                excess = nearest / (SAFETY * tolerance)
+                order = min(8.0, scene.known_integrators()[way.integrator].order)
+                factor = min(4.0, max(factor, excess ** (1.0 / order)))
+            steps = first.base * math.ceil(factor * way.steps / first.base)
             way = measure_candidate(costs, true, way.integrator, way.dtype, steps) or way
     if spare is not None:
         return spare
@@ -212,23 +161,48 @@ def _contenders(scene: Scene, tolerance: float) -> list[str]:
     return [*able, *named_integrators(scene.integrators)]
 
 
-def _limit(integrator: str, tolerance: float) -> float:
-    """Return the largest error that an integrator may have on the first pilot."""
+def _limit(pilot: Pilot, integrator: str, tolerance: float, share: float) -> float:
+    """Return the largest error that an integrator may have on the first pilot, which covers a share
+    of the time."""
+    tolerance *= share ** growth_power(pilot, integrator)
     return tolerance if integrator == "closed" else SAFETY * tolerance
 
 
+def _of_whole_run(choice: Choice, first: Pilot, full: Pilot) -> Choice:
+    """Return a choice of steps to the end of the first pilot for the time of the whole run."""
+    costs, share = Costs(full), first.scene.run.t_end / full.scene.run.t_end
+
+    def longer(way: Candidate) -> Candidate:
+        if way.integrator == "closed":
+            return way._replace(steps=costs.saves, mean_steps=costs.saves)
+        steps = full.base * math.ceil(way.steps / share / full.base * (1.0 - 1e-9))
+        dt = way.dt if full.member_steps else full.scene.run.t_end / steps
+        return way._replace(steps=steps, mean_steps=full.scene.run.t_end / dt, dt=dt)
+
+    way, other = longer(choice.way), choice.runner_up
+    if other is not None:
+        other = longer(other[0]), other[1]
+    return choice._replace(way=way, runner_up=other, ns_per_member=costs.per_member(way))
+
+
 def _ways(
-    costs: Costs, true: Reference, tolerance: float, integrators: Iterable[str]
+    costs: Costs, true: Reference, tolerance: float, integrators: Iterable[str], share: float
 ) -> tuple[list[Candidate], float]:
-    """Return (cheapest Candidate of each integrator that keeps the tolerance, smallest error)."""
+    """Return (cheapest Candidate of each integrator that keeps the tolerance, smallest error).
+
+    share : of the time, to the end of the pilot
+    """
     dtype = "float64" if tolerance < SINGLE_REACHES else None
     tried = candidates(costs.pilot, true, integrators, dtype)
+    kinds = costs.pilot.scene.known_integrators()
+    # high orders first: they bound the cost of the others
+    tried.sort(key=lambda way: (way[1] != "float64", -kinds[way[0]].order))
     compile_ahead(costs.pilot, tried)
     keeping: list[Candidate] = []
     nearest = math.inf
     for integrator, precision in tried:
         most = 2.0 * min((costs.per_member(w) for w in keeping), default=math.inf)
-        limit = _limit(integrator, tolerance)
+        limit = _limit(costs.pilot, integrator, tolerance, share)
 
         def too_dear(way: Candidate, most: float = most) -> bool:
             return costs.per_member(way) > most
@@ -244,9 +218,12 @@ class _Check:
     """Check of candidates on a second pilot: closed forms by an integration, integrators by the
     reference of that pilot."""
 
-    def __init__(self, costs: Costs, true: Reference, second: Pilot, tolerance: float) -> None:
-        self.true, self.second, self.tolerance = true, second, tolerance
+    def __init__(
+        self, costs: Costs, true: Reference, second: Pilot, tolerance: float, share: float
+    ) -> None:
+        self.true, self.second, self.tolerance, self.share = true, second, tolerance, share
         first = costs.pilot
+        self.longer = second.scene.run.t_end / first.scene.run.t_end
         # members of the second pilot may be faster, and then need more steps
         self.faster = float(second.rates.max() / first.rates.max()) if first.member_steps else 1
         self._truths: dict[bool, Reference] = {}
@@ -261,19 +238,36 @@ class _Check:
             # the integration's own error must not count against the closed form
             apart = np.maximum(apart - other.error, 0.0)
             return apart, f"{self.true.source}; the second pilot by {other.source}"
-        return apart, self.true.source
+        grown = self.share ** -growth_power(self.second, way.integrator)
+        return grown * (apart + other.error), self.true.source
+
+    def work(self, way: Candidate) -> float:
+        """Return the evaluations of a check; its reference costs about five times as much."""
+        if way.integrator == "closed":
+            return 0.0
+        return (1 if self._truths else 6) * self.second.work(way.integrator, self._steps(way))
+
+    def _steps(self, way: Candidate) -> Any:
+        """Return the steps of a candidate on the second pilot: an integer, unless members have
+        their own."""
+        steps = self.faster * self.longer * way.steps
+        if self.second.member_steps:
+            return steps
+        return self.second.base * math.ceil(steps / self.second.base * (1.0 - 1e-9))
 
     def _truth(self, closed: bool) -> Reference:
         if closed not in self._truths:
-            agreed = max(AGREED, 1e-2 * self.tolerance)
+            agreed = max(AGREED, (1e-2 if closed else AGREEMENT) * self.tolerance * self.share**2)
             second = self.second
             self._truths[closed] = (
-                integrate_reference(second, agreed) if closed else make_reference(second)
+                integrate_reference(second, agreed)
+                if closed
+                else make_reference(second, say, agreed)
             )
         return self._truths[closed]
 
     def _apart(self, way: Candidate, other: Reference) -> Array:
-        steps: Any = self.faster * way.steps  # an integer unless members have their own steps
+        steps = self._steps(way)
         checked = measure_candidate(Costs(self.second), other, way.integrator, way.dtype, steps)
         if checked is None:  # the step is too long for a member of the second pilot
             return np.full(self.second.members, np.inf)
@@ -287,6 +281,8 @@ def _refined(costs: Costs, true: Reference, ways: list[Candidate], limit: float)
     bad = ways[-2] if len(ways) > 1 else None
     for _ in range(2):
         if bad is None or good.steps - bad.steps <= base or not math.isfinite(bad.upper):
+            break
+        if not costs.pilot.effort.allows(costs.pilot.work(good.integrator, good.steps), LADDERS):
             break
         slope = math.log(bad.upper / good.upper) / math.log(good.steps / bad.steps)
         if slope <= 0.5:
@@ -330,7 +326,8 @@ def _gain(pilot: Pilot, growth: float) -> float:
     steps = 2 * first_steps(pilot)
     ends = [integrate_pilot(pilot, "rk8", count) for count in (steps, 2 * steps, 4 * steps)]
     coarse, fine = (upper_quantile(errors(pilot, end, ends[2])["state"]) for end in ends[:2])
-    hidden = not math.isfinite(coarse) or fine < 1e4 * ROUNDING * growth
+    # errors as large as the motion, as after chaos, do not show an order
+    hidden = not coarse < 0.1 or fine < 1e4 * ROUNDING * growth
     return math.inf if hidden else coarse / fine
 
 
@@ -358,62 +355,3 @@ def _unreachable(
         f"{reason[0].upper()}{reason[1:]}. Request less accuracy, or a shorter t_end"
     )
     return SceneError(rule, at="run.tolerance", value=tolerance)
-
-
-Precision = tuple[str, str]  # integrator and dtype
-
-
-def compile_ahead(pilot: Pilot, candidates: Sequence[Precision]) -> None:
-    """Compile the kernels of some candidates for a pilot.
-
-    If a kernel is not in the cache, a second process compiles from the end of the list and stores
-    its kernels in the cache.
-    """
-    helper = None
-    try:
-        for place, candidate in enumerate(candidates):
-            began = time.perf_counter()
-            _compile(pilot, *candidate)
-            slow = time.perf_counter() - began > 0.7
-            if helper is None and slow and len(candidates) - place > 3:
-                helper = _helper(pilot, candidates[place + 1 :])
-    finally:
-        if helper is not None:
-            helper.kill()
-            helper.wait()
-
-
-def _compile(pilot: Pilot, integrator: str, dtype: str) -> None:
-    """Compile the kernel of one candidate, at a step in the middle of its ladder."""
-    if integrator == "closed":
-        return
-    few = pilot._replace(block=pilot.block[:, :32])
-    for finer in (1, 8):
-        try:
-            integrate_pilot(few, integrator, finer * first_steps(pilot), dtype)
-            return
-        except SceneError:  # the step is too long for it
-            continue
-
-
-def _helper(pilot: Pilot, candidates: Sequence[Precision]) -> subprocess.Popen[str] | None:
-    """Start the second process; return None if the scene cannot be written as text."""
-    try:
-        text = pilot.scene.dumps()
-        Scene.loads(text)
-    except (SceneError, ValueError, TypeError):  # arrays, custom effects, varied parameters
-        return None
-    task = json.dumps({"scene": text, "own": pilot.member_steps, "candidates": candidates})
-    helper = start_helper(__name__, answers=False)
-    assert helper.stdin is not None
-    helper.stdin.write(task)
-    helper.stdin.close()
-    return helper
-
-
-def main() -> None:
-    """Compile, as the second process, the candidates listed on standard input, last one first."""
-    task = json.load(sys.stdin)
-    members = pilot(Scene.loads(task["scene"]), 32)._replace(member_steps=task["own"])
-    for candidate in reversed(task["candidates"]):
-        _compile(members, *candidate)

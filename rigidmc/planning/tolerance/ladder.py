@@ -10,6 +10,7 @@ from rigidmc.errors import SceneError
 from rigidmc.physics.integrators import integrators_for
 from rigidmc.physics.observables import is_own
 from rigidmc.planning.plan import max_monitored_step
+from rigidmc.planning.switches import switching_parameters
 from rigidmc.planning.tolerance.costs import Candidate, Costs
 from rigidmc.planning.tolerance.deviation import QUANTITIES, errors
 from rigidmc.planning.tolerance.pilot import MOST_STEPS, Pilot, first_steps, integrate_pilot
@@ -17,6 +18,7 @@ from rigidmc.planning.tolerance.truth import Reference, closed_pilot_states
 from rigidmc.scene.recording import make_recording
 
 SINGLE = ("rk4", "exact", "strang")  # also tried in float32
+LADDERS = 0.7  # of the effort of a search; the rest is for the check
 
 
 def candidates(
@@ -53,6 +55,8 @@ def candidates(
         for name in able
         if real == "float64" or name in SINGLE
     ]
+    if switching_parameters(scene.effects):
+        dtype = "float64"
     return [c for c in both if dtype in (None, c[1])]
 
 
@@ -118,6 +122,9 @@ def ladder(
             best = min(best, way.upper)
             patience = 4 if best < 1e-2 else 5.5 / math.log(ratio)
             if best <= finest or idle >= patience or (too_dear and too_dear(way)):
+                break
+            more = costs.pilot.work(integrator, round(ratio * steps))
+            if not costs.pilot.effort.allows(more, LADDERS):
                 break
             if exact and idle >= 1:
                 break

@@ -27,10 +27,13 @@ from rigidmc.planning.initial import (
 from rigidmc.planning.monitors import Monitors, has_attitude, make_monitors
 from rigidmc.planning.plan import driving_effects
 from rigidmc.planning.scheme import make_scheme
-from rigidmc.planning.steps import Array, count_member_steps, rate_bounds, round_grid
+from rigidmc.planning.steps import Array, Clock, count_member_steps, rate_bounds, round_grid
+from rigidmc.planning.switches import cut_rows
 from rigidmc.scene.quantities import count_rows, is_shared
 from rigidmc.scene.recording import make_recording
+from rigidmc.scene.save_times import settled
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.settings import Run
 from rigidmc.threads import Task, threads_of
 
 CHECKPOINTS = 8  # times at which states are compared, evenly spaced among the scene's saves
@@ -39,6 +42,17 @@ OBSERVED = (OBSERVABLES["attitude"](), OBSERVABLES["momentum"]())
 MOST_STEPS = 1_000_000
 # members have their own steps if the fastest rate is at least this multiple of the mean
 SPREAD = 1.25
+
+
+class Effort:
+    """The evaluations of the torque that a search has spent, and how many it may spend."""
+
+    def __init__(self) -> None:
+        self.spent, self.limit = 0.0, math.inf
+
+    def allows(self, evaluations: float, share: float = 1.0) -> bool:
+        """Return whether some more evaluations stay within a share of the limit."""
+        return self.spent + evaluations <= share * self.limit
 
 
 class Pilot(NamedTuple):
@@ -53,6 +67,7 @@ class Pilot(NamedTuple):
         `rigidmc.planning.steps.rate_bounds`
     member_steps : whether members have their own steps, because their rates differ much; false if
         torques spin members up, because the rates soon change
+    effort : of all integrations of this pilot and of its parts
     """
 
     scene: Scene
@@ -68,6 +83,13 @@ class Pilot(NamedTuple):
     times: Array
     rates: Array
     member_steps: bool
+    effort: Effort
+
+    def work(self, integrator: str, steps: int) -> float:
+        """Return the evaluations of the torque of an integration; a step without any takes as long
+        as four."""
+        evaluations = self.scene.known_integrators()[integrator].evaluations
+        return self.members * self.mean_steps(steps) * max(4, evaluations)
 
     def turn(self, steps: int) -> float:
         """Return how far the fastest member moves in each of `steps` steps [rad]; with per-member
@@ -130,17 +152,46 @@ def pilot(scene: Scene, members: int, first: int | None = None) -> Pilot:
     bounds = make_pilot(model, sampler, attitude).block
     padding = whole_lanes(members) - members
     block = np.ascontiguousarray(np.pad(block, ((0, 0), (0, padding)), mode="edge"))
+    rate = rate_bounds(scene.effects, block)[:members]
+    rate = rate[np.isfinite(rate)] if np.isfinite(rate).any() else np.ones(1)
+    own = bool(rate.max() > SPREAD * rate.mean() > 0.0) and not driving_effects(scene.effects)
+    shape = *_checks(run), rate, own
+    return Pilot(
+        scene, sampler, monitors, bounds, block, first, members, attitude, *shape, Effort()
+    )
+
+
+def _checks(run: Run) -> tuple[int, int, Array]:
+    """Return (base, stride, times) of the checks of a pilot."""
     saves = round_grid(run.t_end, run.every)
     # a pilot has steps of one length, so its checks are evenly spaced even if the saves are not
     base, stride = (CHECKPOINTS, 1) if saves.is_shortened else (saves.steps, saves.stride)
     stride = 1 if saves.listed else stride
     stride *= max(1, math.ceil(base / stride / CHECKPOINTS))
     times = run.t_end * np.minimum(np.arange(stride, base + stride, stride), base) / base
-    rate = rate_bounds(scene.effects, block)[:members]
-    rate = rate[np.isfinite(rate)] if np.isfinite(rate).any() else np.ones(1)
-    own = bool(rate.max() > SPREAD * rate.mean() > 0.0) and not driving_effects(scene.effects)
-    shape = base, stride, times, rate, own
-    return Pilot(scene, sampler, monitors, bounds, block, first, members, attitude, *shape)
+    return base, stride, times
+
+
+def part_of(pilot: Pilot, members: int, share: float) -> Pilot:
+    """Return the first members of a pilot over the first `share` of the time, or to the next
+    save."""
+    members = min(members, pilot.members)
+    some = pilot._replace(
+        block=np.ascontiguousarray(pilot.block[:, : whole_lanes(members)]),
+        members=members,
+        rates=pilot.rates[:members],
+    )
+    run = pilot.scene.run
+    end, every = share * run.t_end, settled(run.every)
+    if share >= 1.0:
+        return some
+    if isinstance(every, float) and every < end:
+        end = min(every * math.ceil(end / every), run.t_end)
+    else:  # states are compared along the way, not only at the end
+        every = end / CHECKPOINTS
+    scene = pilot.scene.with_run(t_end=end, every=every)
+    base, stride, times = _checks(scene.run)
+    return some._replace(scene=scene, base=base, stride=stride, times=times)
 
 
 def integrate_pilot(
@@ -157,6 +208,7 @@ def integrate_pilot(
     nudge : move the state by this fraction of its size in a random direction, set by `seed`, at the
         start and at every check but the last
     """
+    pilot.effort.spent += pilot.work(integrator, steps)
     scene, block = pilot.stepped(steps)
     scene = scene.with_run(integrator=integrator)
     if pilot.member_steps:
@@ -188,9 +240,12 @@ def states_along(
     """
     scheme = pilot.scheme(scene, run.h)
     compensated = keeps_remainders(scene.integrator, scene.effects, dtype, compensated)
-    program = Program(
-        scheme, blank(scene.effects), OBSERVED, pilot.has_attitude, compensated, dtype
-    )
+    units = run.total // run.slots
+    clock = Clock(run.h, units, run.h)
+    cuts = cut_rows(scene.effects, clock, units, bool(run.member_steps))
+    shortens, run = len(cuts) > 1, run._replace(cuts=cuts)
+    moved = blank(scene.effects), OBSERVED, pilot.has_attitude, compensated, dtype
+    program = Program(scheme, *moved, shortens=shortens)
     width, saves = block.shape[1], (run.total + run.stride - 1) // run.stride + 1
     share = layout.LANES * max(1, math.ceil(width / layout.LANES / threads_available()))
     parts = [block[:, low : low + share].copy() for low in range(0, width, share)]

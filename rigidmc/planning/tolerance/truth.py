@@ -1,5 +1,6 @@
 """The reference for errors: a closed form, or the agreement of two integrators."""
 
+import math
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -11,7 +12,7 @@ from rigidmc.errors import SceneError
 from rigidmc.physics.integrators import integrators_for
 from rigidmc.planning.closed_form import ClosedMotion, closed_form
 from rigidmc.planning.steps import Array
-from rigidmc.planning.tolerance.deviation import errors
+from rigidmc.planning.tolerance.deviation import errors, upper_quantile
 from rigidmc.planning.tolerance.pilot import (
     MOST_STEPS,
     ROUNDING,
@@ -19,6 +20,7 @@ from rigidmc.planning.tolerance.pilot import (
     PilotStates,
     first_steps,
     integrate_pilot,
+    part_of,
     perturb,
 )
 from rigidmc.scene.amounts import count_text
@@ -34,16 +36,19 @@ class Reference(NamedTuple):
     error: Array
 
 
-def make_reference(pilot: Pilot, say: Callable[[str], object] | None = None) -> Reference:
+def make_reference(
+    pilot: Pilot, say: Callable[[str], object] | None = None, agreed: float = AGREED
+) -> Reference:
     """Compute the Reference of a pilot: its closed form, if rk8 confirms it, else two methods that
     agree; SceneError if none agree.
 
     say : called with a progress report on the agreement of the two methods
+    agreed : as in `integrate_reference`
     """
     try:
         case = closed_form(pilot.scene.model, pilot.sampler, pilot.first, pilot.members)
     except SceneError as error:
-        true = integrate_reference(pilot, say=say)
+        true = integrate_reference(pilot, agreed, say)
         why = str(error).split("covers it: ")[-1].split("; covered")[0]
         return true._replace(source=f"{true.source}; no closed form: {why}")
     return _confirmed(pilot, _closed_truth(pilot, case))
@@ -53,34 +58,44 @@ def integrate_reference(
     pilot: Pilot, agreed: float = AGREED, say: Callable[[str], object] | None = None
 ) -> Reference:
     """Integrate a pilot by rk8 and another method with ever more steps, until they agree to
-    `agreed` or stop converging."""
+    `agreed` or stop converging, or exceed the effort of the search.
+
+    cf4 needs 16 times the steps, so where no other method accepts the scene, rk8 is compared with
+    itself in half the steps, and cf4 confirms it for some members.
+    """
     # if rounding does not matter, kernels without remainders suffice, which are compiled anyway
     compensated = agreed < 10.0 * AGREED
     able = integrators_for(pilot.scene.effects, compensated=compensated)
     other = next(name for name in ("exact", "srkn11", "cf4") if name in able)
-    steps, last = first_steps(pilot), None
+    steps, last, fine, is_halved = first_steps(pilot), None, None, other == "cf4"
     while True:
         began = time.perf_counter()
-        ends = [
-            integrate_pilot(pilot, name, count, compensated=compensated)
-            for name, count in (("rk8", steps), (other, 16 * steps if other == "cf4" else steps))
-        ]
-        apart = errors(pilot, ends[0], ends[1])["state"]
-        worst = float(np.max(apart))
+        beside, fine = fine, integrate_pilot(pilot, "rk8", steps, compensated=compensated)
+        if not is_halved:
+            beside = integrate_pilot(pilot, other, steps, compensated=compensated)
+        elif beside is None:
+            steps *= 2
+            continue
+        apart = errors(pilot, fine, beside)["state"]
+        worst = upper_quantile(apart)
+        # errors as large as the motion do not show whether finer steps converge
+        is_stuck = last is not None and last[0] < 0.1 and worst > 0.25 * last[0]
         if (
             worst < agreed
-            or (last is not None and worst > 0.25 * last[0])
+            or is_stuck
             or steps > MOST_STEPS / 32
+            or not pilot.effort.allows(4.0 * pilot.work("rk8", steps))
         ):
             break
         if say is not None:
             wait = 2.0 * (time.perf_counter() - began)
-            text = f"rk8 and {other} in {steps:,} steps agree to {worst:.1e}"
+            rival = "half of them" if is_halved else other
+            text = f"rk8 in {steps:,} steps agrees with {rival} to {worst:.1e}"
             say(f"{text}; twice as many steps take about {wait:.0f} s")
-        last, steps = (worst, apart, ends, steps), 2 * steps
+        last, steps = (worst, apart, fine, steps), 2 * steps
     if last is not None and last[0] < worst:
-        worst, apart, ends, steps = last
-    if not np.isfinite(worst):
+        worst, apart, fine, steps = last
+    if not np.isfinite(apart).all():
         bad = int(np.count_nonzero(~np.isfinite(apart)))
         rule = (
             f"{bad} of {count_text(pilot.members, 'member')} become non-finite with rk8 and {other}"
@@ -89,7 +104,26 @@ def integrate_reference(
         raise SceneError(rule, at="pilot")
     sums = " (sums compensated)" if compensated else ""
     count = f"{'up to ' if pilot.member_steps else ''}{steps:,} steps"
-    return Reference(ends[0], f"rk8 in {count}, which {other} confirms{sums}", apart)
+    true = Reference(fine, f"rk8 in {count}, which {other} confirms{sums}", apart)
+    if is_halved:
+        _confirm_by_cf4(pilot, true, steps, compensated)
+    return true
+
+
+def _confirm_by_cf4(pilot: Pilot, true: Reference, steps: int, compensated: bool) -> None:
+    """Confirm rk8 by cf4 in 8 and 16 times the steps, for some members; SceneError."""
+    few = part_of(pilot, 16, min(1.0, pilot.members / 64))
+    count = few.base * math.ceil(steps * few.scene.run.t_end / pilot.scene.run.t_end / few.base)
+    rk8, coarse, fine = (
+        integrate_pilot(few, name, by * count, compensated=compensated)
+        for name, by in (("rk8", 1), ("cf4", 8), ("cf4", 16))
+    )
+    check_agreement(
+        errors(few, fine, rk8)["state"],
+        errors(few, coarse, fine)["state"],
+        true._replace(error=true.error[: few.members]),
+        f"cf4 in {16 * count:,} steps",
+    )
 
 
 def _closed_truth(pilot: Pilot, case: ClosedMotion) -> Reference:

@@ -13,7 +13,8 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError, unknown
 from rigidmc.physics.integrators import refusal
-from rigidmc.planning.tolerance.choose import check_pilot, check_quiet, compile_ahead
+from rigidmc.planning.tolerance.ahead import compile_ahead
+from rigidmc.planning.tolerance.choose import check_pilot, check_quiet
 from rigidmc.planning.tolerance.costs import Candidate, Costs
 from rigidmc.planning.tolerance.deviation import QUANTITIES, measure_growth, upper_quantile
 from rigidmc.planning.tolerance.ladder import candidates, ladder
