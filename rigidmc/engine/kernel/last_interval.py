@@ -1,5 +1,5 @@
-"""Steps of another length: those of a last interval that is shorter than the others, and the parts
-of steps that effects cut.
+"""Steps of another length: in a last interval that is shorter than the others, and in the parts of
+a step that effects cut.
 
 The count of steps goes on; only the rows STEP_LENGTH and ROUND_START change, between two steps. Two
 things depend on the length and change with it: the state, if an integrator keeps it one substep

@@ -7,5 +7,6 @@ machine.
 Reading order: `pilot` (the members that every candidate integrates), `effort` (how many of them,
 and how far), `truth` (the reference: a closed form, or the agreement of two integrators),
 `deviation` (errors of a candidate), `costs` (costs of its steps), `ladder` (the candidates to try),
-`choose` (the cheapest candidate that keeps the tolerance), `choice` (its description).
+`choose` (the cheapest candidate that keeps the tolerance), `choice` (its description), `ahead`
+(kernels compiled in a second process).
 """
