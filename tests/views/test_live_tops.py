@@ -132,6 +132,36 @@ def test_a_page_of_several_scenes_shows_two_side_by_side(browser, tmp_path):  # 
         rm.live({})
 
 
+@pytest.mark.slow
+def test_a_phone_scrolls_and_keeps_the_top_in_view(browser, tmp_path):  # noqa: F811
+    """A swipe up scrolls, one to the side turns the picture, and the body stays on the screen."""
+    rm.live("heavy_top", tmp_path / "top.html", members=1)
+    size = {"width": 390, "height": 800}
+    phone = browser.new_context(
+        viewport=size, has_touch=True, is_mobile=True, reduced_motion="reduce"
+    )
+    page = phone.new_page()
+    page.goto((tmp_path / "top.html").as_uri())
+    page.wait_for_function("state.ready")
+    hand, now = phone.new_cdp_session(page), "[scrollY, stages.body.azimuth, stages.body.elevation]"
+    box = page.locator("#body").bounding_box()
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    before = page.evaluate(now)
+    for right, up in ((0, 100), (80, 0)):
+        for kind, part in (("touchStart", 0.0), *(("touchMove", 0.1 * k) for k in range(1, 11))):
+            point = {"x": x + part * right, "y": y - part * up}
+            hand.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [point]})
+        hand.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        page.wait_for_timeout(500)
+        after = page.evaluate(now)
+        assert after[2] == before[2]
+        assert (after[0] > 50, after[1] == before[1]) == (True, right == 0)
+    page.evaluate("scrollTo(0, 900)")
+    page.wait_for_timeout(300)
+    assert page.locator("#body").bounding_box()["y"] == 0.0
+    assert "circle of fixed points" in page.inner_text("#inside-words")
+
+
 def test_a_slider_has_a_finer_drag(browser, tmp_path):  # noqa: F811
     """With Shift, by the mouse and by keys, and with the box `fine` where there is no Shift."""
     rm.live("dzhanibekov", tmp_path / "page.html", members=1)
