@@ -2,7 +2,8 @@
 
 python tests/torture.py --kills 200 --faults all --corrupt 500 --lost 6 --outputs all --cache 9
 
---kills N    Start a run, kill it with SIGKILL at a random moment, resume it until it is complete.
+--kills N    Start a run, end it by SIGKILL, SIGTERM, SIGINT or SIGHUP at a random moment, resume it
+             until it is complete. After the last three, no partial file is left.
              The sha256 of its shards are those of an unbroken run. Unfinished shards are kept 20
              times a second, of one kind a single shard of all members. Some runs have rows of their
              own for each member, from a table, and keep summaries and thinned digits; some are
@@ -64,6 +65,7 @@ WORDS = [
     "4",
     "-o",
 ]
+SIGNALS = "SIGKILL", "SIGTERM", "SIGINT", "SIGHUP"  # names: Windows lacks some
 AT_MOST = 4  # kills of one run, so that all kinds have their share
 ONE = ["--every", "1", "--save", "omega", "--shard-size", "1000", "-o"]
 TABLE = """
@@ -176,6 +178,11 @@ def sums(path):
     return found
 
 
+def partial_files(path):
+    """The partial files in a run."""
+    return [name for _, _, names in os.walk(path) for name in names if name.startswith(".part-")]
+
+
 def run(*words):
     return subprocess.run([*COMMAND, *words], capture_output=True, text=True)
 
@@ -184,6 +191,7 @@ def quietly(*words):
     """The command line, in a separate process."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1), os.dup2(nowhere, 2)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
     from rigidmc.cli import app
     from rigidmc.runs.directory import checkpoints
 
@@ -251,6 +259,8 @@ def kills(count, folder, some, members=400_000, size=4, names=None):
         "studies": 0,
         "studies equal": 0,
         "torn shards seen": 0,
+        "other exit codes": 0,
+        "partial files left": 0,
     }
     for i in range(4 * count + 10):
         if told["kills"] == count:
@@ -265,8 +275,12 @@ def kills(count, folder, some, members=400_000, size=4, names=None):
                 if words[0] != "resume":  # less than on a machine that was busy
                     lengths[which] = min(lengths[which], time.monotonic() - began)
                 break
-            child.kill()
+            number = getattr(signal, SIGNALS[told["kills"] % len(SIGNALS)])
+            os.kill(child.pid, number)
             child.join()
+            code = child.exitcode  # a signal before the command listens ends the process itself
+            told["other exit codes"] += code not in (0, 4, 5, -number, 128 + number)
+            told["partial files left"] += code > 0 and bool(partial_files(path))
             is_run = os.path.isfile(os.path.join(path, "run.json"))
             told["kills"] += is_run  # before, there is nothing to lose
             mine += 1

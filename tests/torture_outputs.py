@@ -16,6 +16,7 @@ import netCDF4
 import xarray as xr
 
 from tests.faulty import at_call, limited, places
+from tests.torture import SIGNALS
 
 OLD = b"precious"
 SCENE = [
@@ -308,7 +309,7 @@ def done(one):
 
 
 def kills(count, folder, some):
-    """Kill commands at any time, by SIGKILL, or by SIGINT or SIGTERM twice; {what: how often}."""
+    """Kill commands at any time, by SIGKILL, or by another signal twice; {what: how often}."""
     process = server()
     at = made(folder, lambda words: done(process(words)))
     told = dict.fromkeys(("kills", "signals that came twice", "torn files",
@@ -334,9 +335,7 @@ def kills(count, folder, some):
             one.join(some.uniform(0.02, 1.0) * length)
         else:
             watched(at, one, some.randrange(2 * len(paths) + 1))
-        if (
-            number := (signal.SIGKILL, signal.SIGINT, signal.SIGTERM)[i // len(kinds) % 3]
-        ) == signal.SIGKILL:
+        if (number := getattr(signal, SIGNALS[i // len(kinds) % len(SIGNALS)])) == signal.SIGKILL:
             one.kill()
             told["kills"] += one.exitcode is None
         else:

@@ -10,7 +10,7 @@ from numbers import Integral, Real
 from typing import Any, TypeGuard
 
 from rigidmc.errors import OptionError, RigidmcError
-from rigidmc.units import from_foreign, is_foreign
+from rigidmc.units import LONGEST, from_foreign, is_foreign
 
 _UNITS: dict[str, tuple[Fraction, str]] = {  # unit: (seconds, pattern of its names)
     "d": (Fraction(86400), "d|days?"),
@@ -75,6 +75,8 @@ def _seconds_of(text: str) -> float:
     """Return the seconds of a text, rounded only once, so that `3 ms` equals `0.003` to the bit;
     nan if the text is not a time."""
     text = text.strip()
+    if len(text) > 2 * LONGEST:  # the search would take the square of its length
+        return math.nan
     if _PLAIN.fullmatch(text):
         return float(text)
     match = _DURATION.fullmatch(text)

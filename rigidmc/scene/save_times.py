@@ -17,7 +17,7 @@ from rigidmc.units import Measured, as_measured, converter, in_units, is_foreign
 SaveTimes = float | tuple[float, ...] | str
 EVERY = 'expected a time, increasing times, or saves per turn such as "50/turn"'
 MOST_TIMES = 100_000  # the text of a scene lists them: 2 MB
-_PER_TURN = re.compile(r"\s*([-+.\w]*)\s*/\s*([A-Za-z]*)\s*", re.ASCII)
+_PER_TURN = re.compile(r"([-+.\w]*)\s*/\s*([A-Za-z]*)", re.ASCII)
 
 
 def parse_every(value: Any) -> SaveTimes:
@@ -60,7 +60,7 @@ def saves_per_turn(every: Any) -> float | None:
 
 
 def _per_turn(text: str) -> str:
-    found = _PER_TURN.fullmatch(text)
+    found = _PER_TURN.fullmatch(text.strip())
     try:
         number = float(found[1]) if found else math.nan
     except ValueError:

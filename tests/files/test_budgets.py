@@ -234,3 +234,13 @@ def test_a_mesh_of_holes_is_refused(count, words, tmp_path):
         mesh.load(tmp_path / "part.stl")
     with pytest.raises(FileError, match=words):
         reading.sha256_of(tmp_path / "part.stl")
+
+
+@pytest.mark.parametrize("key", ["run.t_end", "run.every", "body.mass", "effects.gravity.g"])
+@pytest.mark.parametrize("text", ["9" * 10**6, "\t " * 10**6 + "x", "1 /" + " " * 10**6 + "/"])
+def test_a_long_value_is_refused_at_once(key, text):
+    """A time of 100,000 nines took minutes: the search for its unit took the square of its length.
+    Measured 0.2 s at most."""
+    with bounded(), pytest.raises(RigidmcError) as told:
+        rm.Scene.load("heavy_top", {key: text})
+    assert len(str(told.value)) < 2000

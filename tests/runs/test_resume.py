@@ -203,6 +203,7 @@ def test_twenty_kills(kind, tmp_path):
     """As `python tests/torture.py --kills 20 --kinds section`."""
     told = torture.kills(20, str(tmp_path), random.Random(9), names=[kind])
     assert told["kills"] == 20 and told["torn shards seen"] == 0
+    assert told["other exit codes"] == told["partial files left"] == 0
     assert told["sha256 equal"] == told["runs resumed to the end"] == told["runs"] >= 1
     assert told["studies equal"] == told["studies"] == told["runs"] * (kind in STUDIES)
 
