@@ -66,6 +66,8 @@ def _triangles(mesh: Mesh, name: str, scale: float, closed: bool) -> NDArray[np.
         raise SceneError("has no triangles", at="mesh", value=name)
     vertices = np.asarray(mesh.vertices, dtype=float) + 0.0  # turns -0.0 into 0.0
     faces = np.asarray(mesh.faces)
+    if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):  # vertices of an OBJ file in a plane
+        raise SceneError("is not a mesh of triangles in space", at="mesh", value=name)
     if not (faces.min() >= 0 and faces.max() < len(vertices)):
         raise SceneError("has triangles with undefined vertices", at="mesh", value=name)
     _refuse_infinite(vertices, name)

@@ -206,6 +206,7 @@ def test_copies_of_a_store_with_other_packers_are_looked_at(tmp_path):
     "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
     "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
     "0 0 0\n1 0 0\n0 1 nan\n3 0 1 -9\n",
+    "v 0 0 0\nv 1 0 0\nv 0 1\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
     "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 999999999\nmtllib pipe.mtl\n" * 1000,
 ])  # fmt: skip
 @pytest.mark.parametrize("ending", [".ply", ".off", ".obj", ".stl"])
