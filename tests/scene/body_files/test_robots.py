@@ -172,7 +172,7 @@ BODY = '<body name="a"> {} <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/> 
         (robot(link("arm").replace("1.0", "${m}")), {}, "xacro FILE.xacro"),
         (robot(link("arm")), {"scale": 0.1}, "scale = 0.1: is for meshes only"),
         (robot(link("arm")), {"products": "positive"}, "is for texts of mass properties only"),
-        ("<sdf/>", {}, "root element = 'sdf': expected <robot>"),
+        ("<sdf/>", {}, "root element = 'sdf': is an SDF file, which rigidmc does not read"),
         ("<robot>", {}, "is not well-formed XML"),
         ("", {}, "is not well-formed XML"),
         (mjcf(BODY.format("<joint/>") * 2), {}, "expected a name of its own"),
