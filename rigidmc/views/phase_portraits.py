@@ -8,7 +8,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rigidmc.figures import INK, LIGHT, add_density, add_title, line_styles, mark_starts
+from rigidmc.figures import (
+    INK,
+    LIGHT,
+    add_density,
+    add_title,
+    line_styles,
+    mark_starts,
+    name_powers,
+)
 from rigidmc.mechanics.lagrange_steady import effective_potential
 from rigidmc.mechanics.lagrange_top import analyse_lagrange_top
 from rigidmc.mechanics.rotation import to_body, to_space
@@ -75,6 +83,7 @@ def phase_portrait(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
     if tops is not None:
         _levels(axes, symmetric_about_3(tops))
     axes.set(xlabel=with_units("θ", "deg"), ylabel=with_units("θ′", "rad s-1"))
+    name_powers(axes)
     names = len(axes.get_legend_handles_labels()[1])
     if names:
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=8, frameon=False)
@@ -210,6 +219,7 @@ def _free_portrait(ds: xr.Dataset, good: xr.Dataset, figure: Figure | None) -> F
         units = OBSERVABLES["omega"].units
         names = (with_units(in_symbols(f"omega[{k + 1}]"), units) for k in (i, j))
         axes.set(**dict(zip(("xlabel", "ylabel"), names, strict=True)))
+        name_powers(axes)
     handles, labels = panels[0].get_legend_handles_labels()
     if labels:
         place: dict[str, Any] = {"loc": "outside lower center", "ncols": 8, "fontsize": 8}

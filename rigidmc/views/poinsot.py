@@ -16,6 +16,7 @@ from rigidmc.figures import (
     add_title,
     line_styles,
     mark_starts,
+    name_powers,
 )
 from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
 from rigidmc.mechanics.rotation import matrix, to_space
@@ -95,6 +96,7 @@ def _herpolhodes(axes: Axes, good: xr.Dataset, moments: Vectors, l: Vectors, q: 
         axes.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(0, 1), ncols=4)
     up = with_units("angular velocity in the plane", OBSERVABLES["omega"].units)
     axes.set(aspect="equal", xlabel=up, ylabel=up)
+    name_powers(axes)
     title = f"Herpolhode in the invariable plane, t = 0 to {end:.4g} s"
     add_title(axes, title, pad=6 if len(l) > LINES else 22 if len(l) <= 3 else 36)
 

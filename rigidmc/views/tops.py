@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rigidmc.errors import SceneError
-from rigidmc.figures import add_density, add_title, figure_of, line_styles, mark_starts
+from rigidmc.figures import add_density, add_title, figure_of, line_styles, mark_starts, name_powers
 from rigidmc.mechanics.lagrange_top import analyse_lagrange_top
 from rigidmc.mechanics.rotation import to_space
 from rigidmc.planning.turns import ATTITUDE, AXIS
@@ -134,6 +134,7 @@ def _name_rows(rows: Any, time: str, note: str, gaps: str = "") -> None:
     for row, name in zip(rows, ("θ", "φ − ⟨φ′⟩ t", "ψ − ⟨ψ′⟩ t"), strict=True):
         row.set_ylabel(with_units(name, "deg"))
     rows[2].set_xlabel(time)
+    name_powers(rows[2])
     _, names = rows[0].get_legend_handles_labels()
     if names:
         rows[0].legend(

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
@@ -247,3 +248,32 @@ def test_values_and_periods_have_units():
     assert period_of(FREE, "every 1h30m") == 5400.0 and period_of(FREE, "every 250 ms") == 0.25
     with pytest.raises(OptionError, match="mm is a length"):
         crossing_of(FREE, "omega[1] = 90 mm", "rises")
+
+
+@pytest.mark.parametrize(("energies", "noise", "differ"), [
+    ((1.0, 2.0, 3.0), 1e-9, True),
+    ((1.0, 1.0, 1.0), 1e-9, False),  # one energy surface
+    ((1.0, 2.0, 3.0), 1.0, False),  # a driven body keeps none
+    ((5.0,), 1e-9, False),
+])  # fmt: skip
+def test_a_picture_of_several_energies_has_a_colour_for_each(energies, noise, differ):
+    rng, count = np.random.default_rng(3), 40
+    members = np.repeat(np.arange(len(energies)) + 7, count)
+    energy = np.repeat(energies, count) + noise * rng.normal(size=members.size)
+    omega = rng.normal(size=(3, members.size))
+    found = xr.Dataset(
+        {
+            "member": ("point", members),
+            "energy": ("point", energy, {"units": "J"}),
+            "omega": (("axis", "point"), omega, {"units": "rad s-1"}),
+        },
+        {"axis": [1, 2, 3]},
+        {"title": "some", "at": "omega[1] = 0", "way": "rises"},
+    )
+    axes, *bars = section_points(found).axes
+    assert axes.get_title() == (
+        "colours: energies; curves of different energies may cross"
+        if differ
+        else "colours: members"
+    )
+    assert [bar.get_ylabel() for bar in bars] == ["energy [J]"] * differ
