@@ -157,9 +157,11 @@ def _levels(axes: Axes, tops: ClosedMotion) -> None:
     moments, weight = tops.moments[0], float(tops.weight[0])
     p_phi, p_psi = float(kinds.p_phi[0]), float(kinds.p_psi[0])
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    theta = np.linspace(max(left, 1e-3), min(right, 360.0 if right > 180.0 else 179.999), 400)
+    theta = np.linspace(max(left, 1e-3), min(right, 359.999 if right > 180.0 else 179.999), 400)
     rate = np.linspace(bottom, top, 300)
-    u = effective_potential(moments, weight, p_phi, p_psi, np.radians(theta))
+    # beyond 180 degrees a swing in a plane comes back on the other side
+    lean = np.radians(np.minimum(theta, 360.0 - theta))
+    u = effective_potential(moments, weight, p_phi, p_psi, lean)
     energy = u + 0.5 * moments[0] * rate[:, None] ** 2
     most = u.min() + 0.5 * moments[0] * np.abs(axes.get_ylim()).max() ** 2
     levels = np.linspace(u.min(), most, 9)[1:]
