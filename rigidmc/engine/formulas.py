@@ -31,7 +31,7 @@ from rigidmc.engine.compiler.kernels import (
 )
 from rigidmc.engine.compiler.memory import put_rows
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
-from rigidmc.engine.inspection import compilation_error, refuse_memory
+from rigidmc.engine.inspection import compilation_error, refuse_uncompilable
 from rigidmc.engine.kernel.events import first_values, moving_each
 from rigidmc.engine.machine import threads_available
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties, scaled
@@ -199,7 +199,8 @@ def energies(effects: Any, body: Any, q: Vector) -> Any:
 def torques(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float64]:
     """Return torques of all effects at t = 0 [N m], (3, ...); arguments as in `energies`."""
     try:
-        return np.array(np.broadcast_arrays(*total_torque(effects, body, 0.0, q, l)))
+        # with q and l: a torque may be constant
+        return np.array(np.broadcast_arrays(*total_torque(effects, body, 0.0, q, l), *q, *l)[:3])
     except (TypeError, ValueError):
         return evaluate_forces(effects, body, q, l)[:3]
 
@@ -214,7 +215,7 @@ def evaluate_forces(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np
         values = evaluate(formula, 4, rows, threads=1)
     except NumbaError:  # custom code for one member at a time
         try:
-            refuse_memory(effects)
+            refuse_uncompilable(effects)
             values = evaluate(formula, 4, rows, threads=1, side=1)
         except NumbaError as error:
             raise compilation_error(error, effects) from error

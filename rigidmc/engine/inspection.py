@@ -5,13 +5,13 @@ memory, which is rejected with the name of its class. It finds out whether code 
 on one number at a time, so that the members of its scene go one at a time.
 """
 
+import linecache
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from numba import njit, typeof
-from numba.core.registry import cpu_target
 
 from rigidmc.engine.compiler.compose import NumbaError, inline_all, innermost_cause
 from rigidmc.engine.compiler.disk_cache import cached_text
@@ -27,6 +27,7 @@ from rigidmc.engine.compiler.kernels import (
 from rigidmc.engine.compiler.memory import four_at, put_rows, three_at
 from rigidmc.engine.compiler.pipeline import FLAGS
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
+from rigidmc.engine.compiler.uncompilable import cause_of
 from rigidmc.errors import PartError
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import implements
@@ -35,10 +36,13 @@ from rigidmc.physics.dynamics.trials import RULE
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import (
     add_noise,
+    add_torque,
     blank,
     energy,
     energy_scale,
     kick,
+    noise_score,
+    slip,
     torque,
     torque_rate,
 )
@@ -110,19 +114,10 @@ def torque_operations(effect: Any) -> Operations:
     return _count(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN)
 
 
-def refusal_of(effect: Any) -> str:
-    """Return why the torque of a custom effect cannot be compiled: "allocates memory", or ""."""
-    if config.DISABLE_JIT:
-        return ""
-    # The names of Numba's runtime functions, which allocate and count references, begin with NRT_.
-    return "allocates memory" if "NRT_" in _torque_code(effect) else ""
-
-
-def refuse_memory(effects: Iterable[Any]) -> None:
-    """Raise SceneError for a custom effect that allocates memory."""
-    for effect in effects:
-        if type(effect) not in EFFECTS.values() and (why := refusal_of(effect)):
-            raise PartError.of(effect, f"{why}; {RULE}", "effects", "torque")
+def refuse_uncompilable(effects: Iterable[Any]) -> None:
+    """Raise SceneError for a custom effect that allocates memory or cannot be compiled."""
+    for effect in effects if not config.DISABLE_JIT else ():
+        why_scalar(effect)
 
 
 def compilation_error(
@@ -136,6 +131,9 @@ def compilation_error(
     }
     names = {key: ", ".join(type(one).__name__ for one in ones) for key, ones in own.items()}
     table = ", ".join(table for table, words in names.items() if words)
+    for at, ones in (("effects", effects), ("observables", observables)):
+        if found := next((one for one in ones if cause_of(type(one), error)), None):
+            return refused(found, at, error)
     if not table:
         return error
     rule = f"cannot be compiled: {innermost_cause(error)}; {RULE}"
@@ -146,19 +144,7 @@ def why_scalar(effect: Any) -> str:
     """Return why members cannot be worked on side by side with a custom effect, or ""."""
     if type(effect) in EFFECTS.values():
         return ""
-    effect = frozen(effect)
-    if type(effect) not in _why_scalar:
-        signature = signature_of(KernelKey(_all_methods, blank((effect,)), "float64", WIDTH, "s"))
-
-        def probed() -> str:
-            try:
-                dispatcher_of(_all_methods).compile(signature)
-            except NumbaError:
-                return SCALAR_REASON
-            return ""
-
-        _why_scalar[type(effect)] = cached_text([signature], "why_one_at_a_time", probed)
-    return _why_scalar[type(effect)]
+    return _why_scalar_part("effects", effect, blank((effect,)), (), _all_methods)
 
 
 def step_operations(scheme: Any, effects: Any, attitude: bool) -> Operations:
@@ -180,23 +166,6 @@ def step_operations(scheme: Any, effects: Any, attitude: bool) -> Operations:
     return one_substep.times(len(scheme.substeps) - 1)
 
 
-_torque_codes: dict[type, str] = {}
-_why_scalar: dict[type, str] = {}
-
-
-def _torque_code(effect: Any) -> str:
-    """Return the LLVM code of an effect's torque, compiled once for each class."""
-    effect = frozen(effect)
-    if type(effect) not in _torque_codes:
-        given = *blank((effect,)), _BODY, 0.0, _AT, _SPIN
-        kinds = tuple(map(typeof, given))
-        machine = cpu_target.target_context.codegen().magic_tuple()
-        _torque_codes[type(effect)] = cached_text(
-            [kinds], f"torque {machine}", lambda: _code(_torque, *given)
-        )
-    return _torque_codes[type(effect)]
-
-
 def _torque(effect, body, t, q, l):
     """Compiled to count the operations of an effect."""
     return total_torque((effect,), body, t, q, l)
@@ -204,14 +173,17 @@ def _torque(effect, body, t, q, l):
 
 def _all_methods(tree, numbers, at):
     """Compiled to find out whether all methods of an effect run on vectors."""
-    (effect,) = tree_unpack(tree, numbers)
+    (effect,), _ = tree_unpack(tree, numbers)
     effect = tree_unflatten(effect, at, 30)
     body, q, l, t, h = tree_unflatten(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
     put_rows(
         torque(effect, body, t, q, l)
         + kick(effect, body, t, h, q, l)
         + torque_rate(effect, body, t, q, l)
-        + add_noise(effect, body, h, l),
+        + add_noise(effect, body, h, l)
+        + add_torque(effect, body, t, q, l, (h, h, h), l)
+        + slip(effect, body, t, q, l)
+        + noise_score(effect, body, h, l),
         at,
         0,
     )
@@ -294,21 +266,34 @@ def _why_scalar_part(
         try:
             # On vectors first, then on one number: code that compiles for neither is rejected.
             code = _llvm_of_probe(probe, parts, WIDTH)
-        except NumbaError:
+        except Exception:  # Numba may fail in any way
             found = SCALAR_REASON
             try:
                 code = _llvm_of_probe(probe, parts, 1)
-            except NumbaError as error:
-                rule = f"cannot be compiled: {innermost_cause(error)}; {RULE}"
-                raise PartError.of(user_part, rule, at) from None
+            except Exception as error:
+                raise refused(user_part, at, error) from None
         if "NRT_" in code:
-            raise PartError.of(user_part, f"allocates memory; {RULE}", at)
+            raise refused(user_part, at)
         return found
 
     if key not in _why_scalar_parts:
         signature = signature_of(KernelKey(probe, parts, "float64", WIDTH, "s"))
         _why_scalar_parts[key] = cached_text([signature], f"own_parts {probe.__name__}", probed)
     return _why_scalar_parts[key]
+
+
+def refused(part: Any, at: str, error: Exception | None = None) -> PartError:
+    """Return the error about a class that the compiler refuses, or that allocates memory."""
+    cls = type(part)
+    why = f"cannot be compiled: {innermost_cause(error)}" if error else "allocates memory"
+    cause = cause_of(cls, error or "")
+    if cause is None:
+        return PartError.of(cls, f"{why}; {RULE}", at)
+    place = f"{cause.file}, line {cause.line}: " if cause.line else ""
+    if place:
+        place += f"{linecache.getline(cause.file, cause.line).strip()}: "
+    rule = f"{place}{'cannot be compiled' if error else why}: {cause.rule}; {RULE}"
+    return PartError.of(cls, rule, at, cause.method, cause.line or None)
 
 
 def _llvm_of_probe(probe: Callable[..., int], parts: Any, lanes: int) -> str:

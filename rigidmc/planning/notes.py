@@ -4,16 +4,13 @@ effects, and likely errors of units and signs. Each function in LOOKS yields not
 
 import inspect
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.compiler.compose import NumbaError
-from rigidmc.engine.inspection import refusal_of, scalar_parts
+from rigidmc.engine.inspection import scalar_parts
 from rigidmc.engine.machine import is_uncompiled
-from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.methods import arguments, implements
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.bath import Bath
@@ -123,15 +120,11 @@ def _one_at_a_time(seen: PilotFacts) -> Iterator[str]:
     events, running, _ = seen.plan.monitors.compiled
     watches = *seen.plan.recording.recorded.values(), *events, *(one for one, _ in running)
     scheme, effects = seen.plan.scheme, blank(seen.model.effects)
-    # an effect that cannot be compiled at all raises an error later
-    with suppress(NumbaError, SceneError):
-        if scheme is None or any(refusal_of(e) for e in effects if not is_shipped(e)):
-            return
-        for name, why in scalar_parts(scheme.integrator, effects, watches):
-            yield (
-                f"{name} {why}: members are not vectorized, and the step is much slower than it "
-                "could be"
-            )
+    if scheme is None:
+        return
+    for name, why in scalar_parts(scheme.integrator, effects, watches):
+        slower = "members are not vectorized, and the step is much slower than it could be"
+        yield f"{name} {why}: {slower}"
 
 
 def _anti_damping(seen: PilotFacts) -> Iterator[str]:

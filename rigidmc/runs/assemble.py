@@ -5,7 +5,7 @@ from typing import Any
 
 from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.engine.cuda.devices import device_number, is_gpu
-from rigidmc.engine.inspection import compilation_error, refuse_memory
+from rigidmc.engine.inspection import compilation_error, refuse_uncompilable
 from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
 from rigidmc.engine.program import Derivatives, Program
 from rigidmc.physics.effects.protocol import blank
@@ -99,7 +99,7 @@ def make_program(
         return None
     effects, derivatives = plan.model.effects, derivatives or derivatives_on(device, plan)
     try:
-        refuse_memory(effects)
+        refuse_uncompilable(effects)
         events, running, growth = plan.monitors.compiled
         kind: Any = Program
         if is_gpu(device):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
-from rigidmc.errors import FileError, RigidmcError, SceneError, in_file
+from rigidmc.errors import FileError, PartError, RigidmcError, SceneError, in_file
 from rigidmc.files.kinds import another_kind
 from rigidmc.files.opening import is_zarr
 from rigidmc.scene.body import Body
@@ -137,7 +137,10 @@ def takes_scene(function: Function) -> Function:
             arguments = (as_scene(arguments[0]), *arguments[1:])
         elif "scene" in keywords:
             keywords["scene"] = as_scene(keywords["scene"])
-        return function(*arguments, **keywords)
+        try:
+            return function(*arguments, **keywords)
+        except PartError as error:  # the 30 lines of frames in between say nothing about the class
+            raise error.with_traceback(None) from None
 
     return cast(Function, wrapper)
 

@@ -39,6 +39,7 @@ _done: set[str] = set()  # modules of the package
 def innermost_cause(error: Exception) -> str:
     """Return the innermost cause of a failed compilation, with its file and line, on one line."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    lines = lines or [f"Numba raises {type(error).__name__}"]
     # Numba prints the chain of callers, the user's function last.
     failed = [i + 1 for i, line in enumerate(lines) if "Failed in nopython mode" in line]
     inner = lines[failed[-1] :] if failed else lines

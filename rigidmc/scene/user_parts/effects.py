@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from rigidmc.engine.compiler.uncompilable import cause_of
 from rigidmc.errors import PartError, SceneError, hint_of, nearest
-from rigidmc.physics.dynamics.euler import MassProperties
+from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.dynamics.methods import Method, implements
 from rigidmc.physics.dynamics.so3 import exponential, multiply
 from rigidmc.physics.dynamics.trials import State, Trial, states
@@ -110,6 +111,24 @@ def check_user_effect(effect: Any) -> None:
             trial.number(method, values)
         if implements(kind, "energy") and implements(kind, "torque"):
             _check_gradient(trial, state)
+    if implements(kind, "energy_scale"):
+        _check_arrays(trial)
+
+
+def _check_arrays(trial: Trial) -> None:
+    """Check that `energy_scale` also takes the parameters of all members at once."""
+    many = from_numbers(type(trial.part), [np.full(2, x) for _, _, x in numbers(trial.part)])
+    arrays: list[Any] = [np.full(2, x) for x in BODY[:BODY_NUMBERS]]
+    body = MassProperties(*arrays)
+    try:
+        np.broadcast_to(energy_scale(many, body), 2)
+    except Exception as error:  # custom code may raise anything
+        rule = (
+            f"raises {type(error).__name__} for arrays of members: use arithmetic, abs, `maximum`"
+        )
+        if cause := cause_of(type(many), method="energy_scale"):
+            raise trial.complaint("energy_scale", cause.rule, cause.line) from None
+        raise trial.complaint("energy_scale", f"{rule} and `select`") from None
 
 
 def trial_effect(effect: Any) -> Any:

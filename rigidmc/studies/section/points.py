@@ -17,7 +17,7 @@ from scipy.optimize import elementwise
 
 from rigidmc.engine.compiler.trees import tree_flatten
 from rigidmc.engine.formulas import AdvancedState, evaluate
-from rigidmc.engine.inspection import refuse_memory
+from rigidmc.engine.inspection import refuse_uncompilable
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, SceneError, nearest
 from rigidmc.physics.dynamics.body_axes import body_axes
@@ -81,7 +81,7 @@ class CrossingPaths:
         """dt : the longest step [s], inf if each member has its own step"""
         self._start, self._m, self._times, self.spans = departures
         m, spans = self._m, self.spans
-        refuse_memory(scene.effects)
+        refuse_uncompilable(scene.effects)
         rows = block_rows(scene.effects, False)
         known = make_sampler(scene.model, scene.run), members, True, rows
         block, given = initial_block_of(scene.model, *known)

@@ -147,7 +147,7 @@ class Gamma(NamedTuple):
     (Short(1.0), r"Short.torque.*expected a tuple of 3 numbers"),
     (Asks(1.0), r"Asks.torque.*unknown argument 'speed'; it may name body, t, q, l"),
     (Infinite(1.0), r"Infinite.torque.*not finite"),
-    (Lists(1.0), r"Lists.torque.*allocates memory.*no lists"),
+    (Lists(1.0), r"Lists.torque.*line \d+: .*cannot be compiled: sum; write the terms out"),
     (Halving(1.0), r"Halving.torque.*line \d+: while abs\(x\) > 1e-3:: a loop whose length"),
     (Counting(1.0), r"Counting.torque.*line \d+: for _ in range\(int\(l\[0\]\)\):: a loop whose"),
     (Words(1.0), r"Words.*cannot be compiled.*no calls except of math"),
