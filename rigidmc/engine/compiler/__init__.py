@@ -39,6 +39,7 @@ source_stamps      that hash for modules of the package
 user_stamps        that hash for a custom class
 frozen             copies of custom classes, which are what Numba sees: a user may change a class
 contents           what custom classes read, for another process to compare
+uncompilable       which construct of a custom class cannot be compiled, and what to write instead
 numba_extensions   whether another package has changed how Numba compiles
 
 Invariants:
