@@ -38,6 +38,13 @@ def _sizes(body: Any, effects: Any, l: Any) -> tuple[Array, Array]:
     return play, np.where(size > 0.0, size, widest)
 
 
+def _turned(q: Array, true_q: Array) -> Array:
+    """Return angles between attitudes (4, n); nan where steps were so long that there is none."""
+    valid = np.isfinite(q).all(0) & (q != 0.0).any(0)
+    turned: Array = np.where(valid, attitude_error(np.where(valid, q, true_q).T, true_q.T), np.nan)
+    return turned
+
+
 def errors(pilot: Pilot, states: PilotStates, true: PilotStates) -> dict[str, Array]:
     """Return {quantity: largest error over the checks of each member}.
 
@@ -51,7 +58,7 @@ def errors(pilot: Pilot, states: PilotStates, true: PilotStates) -> dict[str, Ar
         for q, l, true_q, true_l in zip(states.q, states.l, true.q, true.l, strict=True):
             scale, size = _sizes(body, effects, true_l)
             momentum = relative(np.sqrt(((l - true_l) ** 2).sum(0)), size)
-            turned = attitude_error(q.T, true_q.T) if pilot.has_attitude else zeros
+            turned = _turned(q, true_q) if pilot.has_attitude else zeros
             energy = np.abs(
                 kinetic_energy(body, l)
                 - kinetic_energy(body, true_l)

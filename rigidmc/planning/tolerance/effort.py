@@ -55,7 +55,7 @@ def plan_search(pilot: Pilot, tolerance: float) -> Extent:
     work = INTEGRATORS["rk8"].evaluations * necessary_steps(pilot, tolerance)
     # half of the run by rk8, because the chosen integrator may cost less
     limit = max(FREE, 0.5 * run.members * work)
-    pilot.effort.limit = 0.9 * limit  # the rest is for the reason, if the tolerance is out of reach
+    pilot.effort.limit = 0.8 * limit  # the rest is for the reason, if the tolerance is out of reach
     members = limit / (SEARCH * work)  # over the whole time
     if members >= min(SOME, most):
         count = min(most, int(members))
