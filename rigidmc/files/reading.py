@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 import io
 import json
+import logging
 import os
 import re
 import tomllib
@@ -133,6 +134,8 @@ _FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # and t
 
 
 MESHES = (".stl", ".obj", ".ply", ".off")
+# trimesh logs tracebacks about parts of a file that nothing needs, such as normals
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 
 def load_mesh(path: str) -> Any:
