@@ -110,8 +110,8 @@ def effective_potential(
 
 
 def _half_angle(value: _Floats, theta: _Floats) -> _Floats:
-    """Return the sine or cosine of theta/2, 0 where it is as small as the rounding of theta: the
-    pole pi as a number is 1e-16 away from pi."""
+    """Return the sine or cosine of theta/2, 0 where it is as small as the rounding of theta."""
+    # the float nearest to pi is 1e-16 away from the pole
     return np.where(np.abs(value) <= ROUNDED * np.abs(theta), 0.0, value)
 
 

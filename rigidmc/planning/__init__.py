@@ -11,8 +11,8 @@ steps), `switches` (steps that effects cut), `scheme` (how the integrator is com
 (bounds that flag a member), `closed_form` (motions that need no steps), `turns` (how dense saves
 must be), `saves` (times of saves that a scene leaves open), `plan` (all of this in one value),
 `derivative_names` and `body_derivatives` (parameters by which a scene has derivatives), `tangents`
-(derivatives of the members at their start), `notes`, `body_notes` and `effect_notes` (hints to the
-user), and the subpackage `tolerance` (integrator and step for a given accuracy).
+(derivatives of the members at their start), `notes`, `body_notes`, `effect_notes` and `start_notes`
+(hints to the user), and the subpackage `tolerance` (integrator and step for a given accuracy).
 
 Invariant: a plan is a function of the scene alone, so that a run that is resumed, extended or
 computed elsewhere has the same bits. Where a plan reads drawn members, it reads the first members

@@ -14,8 +14,8 @@ from rigidmc.planning.tolerance.pilot import Pilot, first_steps, integrate_pilot
 from rigidmc.scene.amounts import count_text
 
 FREE = 4e8  # evaluations of any search: 2 s on two cores
-# Evaluations of a search and of its check, for each member of their pilots, as a multiple of those
-# of rk8 with the necessary steps. Measured over 30 scenes: 20 to 100, and 4 to 8.
+# Evaluations of a search and of its check, for each member of their pilots, in runs by rk8 with the
+# necessary steps. Upper estimates: the searches of 24 scenes took up to .76 of their limit.
 SEARCH, CHECK = 100, 10
 SOME = 64  # members of a pilot that is to show how errors differ between members
 AGREEMENT = 0.1  # of the reference, as a fraction of the tolerance
