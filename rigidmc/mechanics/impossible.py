@@ -128,7 +128,7 @@ def _units(
             yield rare + abs(found - _ABOUT_PIVOT), cause
         elif word == "millimetres" and can_exist(moved, m, c):
             yield (
-                1.0 + abs(found - _ABOUT_CENTRE),
+                1.0 + abs(found - _ABOUT_CENTRE),  # a decade: two mistakes at once are rarer
                 f'{cause}, and the inertia is about it: about = "centre" then gives the moments'
                 f" {_moments(moved)}",
             )

@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 
 from rigidmc.mechanics.impossible import causes_text
 from rigidmc.mechanics.inertia import TOO_FAR, TRIANGLE, too_far, violates_triangle
+from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.scene.body import IDENTITY, Body
 from rigidmc.scene.quantities import Grid, is_shared
 from rigidmc.scene.settings import Run
 from rigidmc.scene.validation import PILOT
 
-# Density [kg/m3] of the uniform ellipsoid with a body's moments. Solids, whose lengths are given,
+# Density [kg/m3] of the uniform ellipsoid with a body's moments. Single solids
 # have 1 to 25,000: foams have 10, and osmium 22,590. Scenes in custom units give moments with
 # densities down to 1e-3; osmium gives 2e-5 if lengths in mm are read as m. A body denser than
 # osmium cannot exist: of all bodies with these moments, the ellipsoid has the least peak density.
@@ -130,8 +131,10 @@ def unlike_matter(body: Body, moments: Array, mass: Array, centre: Array) -> Ite
     extents = np.sqrt(5.0 * second[:, real] / mass[real])
     densities = mass[real] / (4.0 / 3.0 * math.pi * extents.prod(0))
     size, density = 2.0 * float(np.median(extents.max(0))), float(np.median(densities))
-    # a solid of 1 kg may have custom units
-    lightest = LIGHTEST_SOLID if body.shape and np.all(mass != 1.0) else LIGHTEST
+    # a solid of 1 kg may have custom units; frames of several parts, particles and meshes have room
+    # between their matter
+    is_solid = len(body.shape) == 1 and body.shape[0].solid in SOLIDS
+    lightest = LIGHTEST_SOLID if is_solid and np.all(mass != 1.0) else LIGHTEST
     if not lightest <= density <= DENSEST:
         what = "far less than air" if density < lightest else "more than osmium"
         units = SOLID_UNITS if body.shape else MOMENT_UNITS

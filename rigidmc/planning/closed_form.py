@@ -101,8 +101,10 @@ def _motion(form: int, case: ClosedMotion, t: Array) -> Motion:
     with np.errstate(over="ignore", invalid="ignore"):  # a motion that overflows becomes nan
         # where the divisor is 1, the quotient is unused
         passed = np.where(rate == 0.0, t, -np.expm1(-rate * t) / np.where(rate == 0.0, 1.0, rate))
+        lost = ~np.isfinite(passed)
+        passed = np.where(lost, 0.0, passed)  # solve_free_top warns of times that are not finite
         l, omega, q = solve_free_top(case.moments, case.momentum, case.attitude, passed)
-        left = np.exp(-rate * t)[..., None]
+        left = np.where(lost, np.nan, np.exp(-rate * t))[..., None]
         return Motion(left * l, left * omega, q)
 
 

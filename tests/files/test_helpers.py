@@ -17,7 +17,7 @@ from tests.faulty import LINUX
 
 ROOT = Path(rm.__file__).parent
 COMMAND = os.path.join(os.path.dirname(sys.executable), "rigidmc")
-HELPERS = ("files.trial", "engine.compile_helper", "planning.tolerance.choose",
+HELPERS = ("files.trial", "engine.compile_helper", "planning.tolerance.ahead",
            "studies.stress.processes")  # fmt: skip
 
 

@@ -236,7 +236,7 @@ def test_pictures(study, drifts, tmp_path):
     (axes,) = figure.axes
     labels = axes.get_legend_handles_labels()[1]
     assert {"rk4", "rk8", "chin4", "closed", "rk4 in float32", "frontier"} <= set(labels)
-    assert "members to t_end per second" in axes.get_ylabel()
+    assert "members to the end per second" in axes.get_ylabel()
     assert "[rad]" in axes.get_xlabel() and axes.xaxis_inverted()
     (frontier,) = (line for line in axes.lines if line.get_label() == "frontier")
     assert np.ptp(to_rgb(frontier.get_color())) < 0.05  # grey

@@ -77,7 +77,7 @@ def test_a_stack_has_a_panel_for_each_layer(stack):
     assert [panel.get_title() for panel in panels] == [
         f"I₃ = {z:.4g} kg m²" for z in stack.z.values
     ]
-    assert "p(flips >= 1)" in bar.get_ylabel()
+    assert "p(flips ≥ 1)" in bar.get_ylabel()
     one = stack.isel(z=0).drop_vars("z").assign(computed=stack.good.isel(z=0, drop=True))
     assert "computed: " in stability_map(one).axes[1].get_title()
 

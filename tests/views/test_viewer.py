@@ -385,7 +385,7 @@ def test_a_pixel_tells_its_numbers_and_shows_its_member(browser, map_page):
     y = box["bottom"] - (box["bottom"] - box["top"]) * 1.5 / 3
     opened.locator("#pixels").click(position={"x": x, "y": y})
     words = opened.locator("#pixel").text_content()
-    assert f"start.omega.2 = {ds.x.values[3]:.4g}, start.omega.3 = {ds.y.values[1]:.4g}" in words
+    assert f"ω₂(0) = {ds.x.values[3]:.4g}, ω₃(0) = {ds.y.values[1]:.4g}" in words
     assert f"{ds['mean(l2_drift_max)'].values[1, 3]:.4g}"[:5] in words and "2 of 2" in words
     assert opened.evaluate("DATA.members[page.member].pixel") == [1, 3]
     spin = opened.evaluate("omegaOf(member(), 0)[2]")

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import pytest
 
 from rigidmc.engine.compiler.compose import inline
+from rigidmc.engine.compiler.frozen import frozen
 from rigidmc.engine.machine import vector_bits
 from rigidmc.physics.dynamics.methods import OFF, ON
 from rigidmc.physics.dynamics.so3 import cross, vertical
@@ -89,7 +90,7 @@ CASES = {
     "rk4": case("rk4"),
     "rk4 gravity": case("rk4", (G,)),
     "rk4 momentum": case("rk4", (), WITHOUT),
-    "rk4 by hand": Case(scheme_of(ByHand())),
+    "rk4 by hand": Case(scheme_of(frozen(ByHand()))),
     "rkmk4 gravity damping": case("rkmk4", (G, D)),
     "strang gravity damping": case("strang", (G, D)),
     "exact": case("exact"),
@@ -111,7 +112,7 @@ CASES = {
     "rk8 gravity float32": case("rk8", (G,), WITH, OFF, "float32"),
     "strang gravity float32": case("strang", (G,), WITH, OFF, "float32"),
     "rk4 gravity damping works": Case(RK4().scheme(), (G, D), works=(0.0, 0.0)),
-    "rk4 gravity by hand": Case(scheme_of(HeavyByHand()), (G,)),
+    "rk4 gravity by hand": Case(scheme_of(frozen(HeavyByHand())), (G,)),
     "rkmk4 gravity damping float32": case("rkmk4", (G, D), WITH, OFF, "float32"),
 }
 RARE = (  # with  pytest -m slow
@@ -120,7 +121,7 @@ RARE = (  # with  pytest -m slow
     "midpoint gravity",
     "rk4 gravity compensated", "strang gravity float32", "rk4 gravity damping works",
 )  # fmt: skip
-BROKEN = {"rk4 gamma": case("rk4", (Gamma(),))}
+BROKEN = {"rk4 gamma": case("rk4", (frozen(Gamma()),))}
 
 
 def counts(names):

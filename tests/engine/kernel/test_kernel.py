@@ -9,13 +9,11 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.engine.compiler import compose
 from rigidmc.engine.kernel import arguments
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.dynamics.euler import MassProperties
@@ -390,13 +388,3 @@ def test_plain_python_runs_the_same_physics(tmp_path):
         for rows in (slice(K.ATTITUDE, K.MOMENTUM), slice(K.MOMENTUM, K.START)):
             error = np.abs(plain[name][rows] - block[rows]) / np.linalg.norm(block[rows], axis=0)
             assert error.max() < 4e-15  # measured 4e-16: fused multiply-add rounds once less
-
-
-def test_functions_that_a_module_of_a_user_gets_later_are_inlined_too(monkeypatch):
-    inlined, module = [], ModuleType("of_a_user")
-    monkeypatch.setattr(compose, "inline", lambda function: inlined.append(function.__name__))
-    exec("def first(x):\n    return x", vars(module))
-    compose.inline_all(module)
-    exec("def second(x):\n    return first(x)", vars(module))
-    compose.inline_all(module)
-    assert inlined == ["first", "first", "second"]

@@ -106,6 +106,7 @@ def test_an_angle_is_exact_near_its_ends(tilt):
         assert abs(lost / tilt - 1.0) > 1e-3
 
 
+@pytest.mark.filterwarnings("ignore:.*nothing moves")
 def test_a_direction_without_length_gives_0():
     scene = replace(SCENE, observables=POINTING[3:4], start=rm.Start(omega=(0.0, 0.0, 0.0)))
     still = replace(scene, effects=())
