@@ -136,8 +136,14 @@ def hostile_body(some, folder):
     return path
 
 
+def kilobytes(process, word):
+    """Memory of a process, a line of its status."""
+    with open(f"/proc/{process.pid}/status") as file:
+        return int(re.search(rf"{word}:\s*(\d+)", file.read())[1])
+
+
 class Meter:
-    """CPU seconds and megabytes of this process and its children."""
+    """CPU seconds of this process and its children, and megabytes that they take more."""
 
     def __init__(self):
         self.me = psutil.Process()
@@ -150,14 +156,14 @@ class Meter:
             with open(f"/proc/{one.pid}/clear_refs", "w") as file:
                 file.write("5")  # the peak of its memory counts from here
         self.before = {one.pid: sum(one.cpu_times()[:2]) for one in self._tree()}
+        self.kept = {one.pid: kilobytes(one, "VmRSS") for one in self._tree()}
         self.ended = sum(self.me.cpu_times()[2:4])
 
     def end(self):
         """Return (seconds, megabytes)."""
         seconds, size = sum(self.me.cpu_times()[2:4]) - self.ended, 0
         for one in self._tree():
-            with open(f"/proc/{one.pid}/status") as file:
-                size += int(re.search(r"VmHWM:\s*(\d+)", file.read())[1])
+            size += kilobytes(one, "VmHWM") - self.kept.get(one.pid, 0)
             seconds += sum(one.cpu_times()[:2]) - self.before.get(one.pid, 0.0)
         return seconds, size / 1024
 
