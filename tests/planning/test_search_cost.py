@@ -104,7 +104,7 @@ def registered():
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "turns", "members", "tolerance"), list(registered()))
 def test_every_effect_over_all_times(monkeypatch, kind, turns, members, tolerance):
-    scene = scene_of((kind(*facts(kind).example),), turns, members)
+    scene = scene_of((kind(*facts(kind).example),), turns, members).with_run(integrator="rk8")
     found = Found(monkeypatch, scene, tolerance)
     error = found.choice and found.error()
     way = found.choice and found.choice.way.with_precision()

@@ -30,7 +30,7 @@ import llvmlite
 import numba
 import numpy as np
 import platformdirs
-from numba.core import caching
+from numba.core import caching, types
 from numba.core.serialize import NumbaPickler
 
 from rigidmc.engine.compiler.frozen import classes_of, homes_of, is_custom
@@ -206,6 +206,13 @@ class _Pickler(NumbaPickler):
 
     def persistent_id(self, obj: Any) -> int | None:
         return self._places.get(id(obj)) if isinstance(obj, type) else None
+
+    def reducer_override(self, obj: Any) -> Any:
+        # Numba finds the union of the types of a tuple, which no code reads, by their names: it may
+        # hold an earlier class of this name.
+        if type(obj) is types.UnionType:
+            return types.UnionType, ((),)
+        return super().reducer_override(obj)
 
 
 class _Unpickler(pickle.Unpickler):

@@ -106,6 +106,7 @@ def choose(
     true, costs = make_reference(first, say, agreed), Costs(first)
     known = upper_quantile(true.error)
     if known > tolerance * extent.share:
+        known /= extent.share
         why = f"the reference itself is known only to {known:.1e} ({true.source})"
         raise _unreachable(scene, tolerance, first, known, why)
     contenders = integrators or _contenders(scene, tolerance)
@@ -188,7 +189,8 @@ def _of_whole_run(choice: Choice, first: Pilot, full: Pilot) -> Choice:
 def _ways(
     costs: Costs, true: Reference, tolerance: float, integrators: Iterable[str], share: float
 ) -> tuple[list[Candidate], float]:
-    """Return (cheapest Candidate of each integrator that keeps the tolerance, smallest error).
+    """Return (cheapest Candidate of each integrator that keeps the tolerance, smallest error as it
+    would grow until the end of the run).
 
     share : of the time, to the end of the pilot
     """
@@ -208,7 +210,8 @@ def _ways(
             return costs.per_member(way) > most
 
         ways = ladder(costs, true, integrator, precision, limit, 2.0, too_dear=too_dear)
-        nearest = min([nearest, *(way.upper for way in ways)])
+        grown = share ** -growth_power(costs.pilot, integrator)
+        nearest = min([nearest, *(grown * way.upper for way in ways)])
         if ways and ways[-1].upper <= limit:
             keeping.append(_refined(costs, true, ways, limit))
     return keeping, nearest

@@ -15,6 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+import rigidmc as rm
+from rigidmc.engine.compiler import kernels
 from rigidmc.engine.compiler.frozen import frozen, frozen_class
 from rigidmc.engine.compiler.kernels import config
 from rigidmc.engine.formulas import evaluate
@@ -22,7 +24,7 @@ from rigidmc.errors import PartError
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects.protocol import torque
 from rigidmc.physics.integrators.protocol import step
-from rigidmc.physics.observables.protocol import begin, level, update, value
+from rigidmc.physics.observables.protocol import begin, level, observable, update, value
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
@@ -377,6 +379,31 @@ def test_compiled_code_computes_what_the_class_computes_now(ways, tmp_path):
     module = load(tmp_path)
     for way in ways:
         assert follow(module, way, compiled) < 1e-15, way  # measured 0
+
+
+SIZE = 1.0
+
+
+@observable(units="1", long_name="size", dims=())
+class Size(NamedTuple):
+    def value(self, t):
+        return (SIZE + 0.0 * t,)
+
+
+def test_a_changed_class_is_loaded_from_the_disk(tmp_path, monkeypatch, caplog):
+    """Numba's types of a tuple may hold the earlier class: no other process could load them."""
+    monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path))
+    scene = rm.Scene(rm.Body((1.0, 2.0, 2.8)), (), rm.Start(omega=(0.1, 2.0, 0.1)))
+    run = {"dt": 0.1, "t_end": 0.1, "members": 1, "save": (Size(),)}
+    for size, is_next_process in ((1.0, False), (2.0, False), (2.0, True)):
+        monkeypatch.setitem(globals(), "SIZE", size)
+        if is_next_process:
+            for name in ("_addresses", "_by_types", "_dispatchers"):
+                monkeypatch.setattr(kernels, name, {})
+        assert (rm.simulate(scene, "rk4", **run).size == size).all()
+    counts = [one.stats for one in kernels._dispatchers.values()]
+    assert sum(sum(each.cache_hits.values()) for each in counts) > 0
+    assert not any(any(each.cache_misses.values()) for each in counts) and caplog.messages == []
 
 
 CHECK = """
