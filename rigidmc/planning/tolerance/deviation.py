@@ -40,8 +40,10 @@ def _sizes(body: Any, effects: Any, l: Any) -> tuple[Array, Array]:
 
 def _turned(q: Array, true_q: Array) -> Array:
     """Return angles between attitudes (4, n); nan where steps were so long that there is none."""
-    valid = np.isfinite(q).all(0) & (q != 0.0).any(0)
-    turned: Array = np.where(valid, attitude_error(np.where(valid, q, true_q).T, true_q.T), np.nan)
+    sizes = np.linalg.norm([q, true_q], axis=1)  # inf of finite numbers beyond 1e154, too
+    valid = (np.isfinite(sizes) & (sizes > 0.0)).all(0)
+    pair = (np.where(valid, each, 1.0).T for each in (q, true_q))
+    turned: Array = np.where(valid, attitude_error(*pair), np.nan)
     return turned
 
 
