@@ -19,7 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigidmc.protocols import effect, event, observable, running
+from rigidmc.protocols import (
+    effect, event, linear_combination, normalised, observable, running, scaled, state_rates,
+)
 
 DICT, LIST, TEXT, SIZE = {"a": 1.0}, [1.0], "a", 2.0
 part = functools.partial(lambda x, y: x * y, 1.0)
@@ -52,6 +54,12 @@ def again(x):
 
 class Plain:
     number = 1.0
+
+
+def euler(body, effects, t, h, q, l):
+    rates = state_rates(scaled(body, h), effects, body, t, h, q, l)
+    q, l = linear_combination((q, l), (1.0,), (rates,))
+    return normalised(q), l
 
 """
 TERMS = {  # a term of value 1 or so, and a word of the cure
@@ -115,9 +123,9 @@ KINDS = {  # the class, with its methods: (arguments, result)
     ),
     "integrator": (
         "class Own(NamedTuple):\n"
-        "    order, evaluations, is_reversible, conserves = 1, 0, False, ()\n"
+        "    order, evaluations, is_reversible, conserves = 1, 1, False, ()\n"
         '    accepts, compensated = "any torque", False\n',
-        {"step": ("q, l", "q, (l[0] * TERM, l[1], l[2])")},
+        {"step": ("body, effects, t, h, q, l", "euler(body, effects, t, h * TERM, q, l)")},
     ),
 }
 FIRST = {"effect": "torque", "event": "level", "running": "begin"}
