@@ -100,11 +100,12 @@ def draw_effective_potential(
     momentum: ArrayLike,
     attitude: ArrayLike,
     axes: Axes | None = None,
+    labels: list[str | None] | None = None,
 ) -> Figure:
     """Draw the effective potential of theta, TdC (3.42), with energies and turning angles.
 
-    Up to 20 tops are lines, more are a density of potentials. The constant energy of each spin is
-    subtracted. Tops with one potential share its line.
+    Up to 20 tops are lines, with the labels (n,), more are a density of potentials. The constant
+    energy of each spin is subtracted. Tops with one potential share its line.
 
     moments (n, 3) [kg m^2], weight k = m g l (n,) [N m], momentum (n, 3) [kg m^2/s] in principal
     axes, attitude (n, 4), all also without n
@@ -119,7 +120,9 @@ def draw_effective_potential(
     theta = np.linspace(max(high - margin, 1e-6), min(low + margin, np.pi - 1e-6), 1001)
     p_phi, p_psi = tops.p_phi[:, None], tops.p_psi[:, None]
     u = effective_potential(moments[:, None], weight[:, None], p_phi, p_psi, theta) - spin[:, None]
-    energy, floor = tops.energy - spin, float(np.median(u.min(axis=1)))
+    # all wells of lines are in the picture, half of those of a density
+    energy, lowest = tops.energy - spin, np.median if len(u) > LINES else np.min
+    floor = float(lowest(u.min(axis=1)))
     size = max(float(np.median(np.abs(u))), float(np.abs(energy).max()))
     unit, symbol = _prefixed(size)
     u, energy, floor = u / unit, energy / unit, floor / unit
@@ -134,14 +137,15 @@ def draw_effective_potential(
     if len(u) == 1:
         _one_well(axes, degrees, u[0], float(energy[0]), turns[0])
     else:
-        _wells(axes, degrees, u, energy, turns)
+        _wells(axes, degrees, u, energy, turns, labels or [None] * len(u))
     axes.set(
         xlim=degrees[[0, -1]],
         xlabel=with_units("θ", "deg"),
         ylabel=with_units("energy minus spin energy", symbol),
     )
     axes.ticklabel_format(useOffset=False)
-    _finish(axes, "Effective potential of the nutation")
+    few = "Effective potentials, and energies between the turning angles"
+    _finish(axes, few if 1 < len(u) <= LINES else "Effective potential of the nutation")
     return figure_of(axes)
 
 
@@ -167,14 +171,22 @@ def _one_well(axes: Axes, degrees: Floats, u: Floats, energy: float, turns: Floa
     axes.fill_between(degrees, u, energy, where=inside, color=PATH, alpha=0.15, linewidth=0)
 
 
-def _wells(axes: Axes, degrees: Floats, u: Floats, energy: Floats, turns: Floats) -> None:
+def _wells(
+    axes: Axes,
+    degrees: Floats,
+    u: Floats,
+    energy: Floats,
+    turns: Floats,
+    labels: list[str | None],
+) -> None:
     """Draw effective potentials (n, points) with energies (n,) and turning angles (n, 2) [deg]."""
     low, high = axes.get_ylim()
+    styles = line_styles(len(u))
     if np.ptp(u, axis=0).max() <= 1e-9 * (high - low):
         axes.plot(degrees, u[0], color=MEDIAN, linewidth=2.0, label="effective potential of all")
     elif len(u) <= LINES:
-        for k, (one, style) in enumerate(zip(u, line_styles(len(u)), strict=True)):
-            axes.plot(degrees, one, label="_" if k else "effective potentials", **style)
+        for well, style, label in zip(u, styles, labels, strict=True):
+            axes.plot(degrees, well, label=label or "_", **style)
     else:
         some = u[:: -(-len(u) // 2000)]
         shown = np.where((some > low) & (some < high), some, np.nan)
@@ -184,16 +196,8 @@ def _wells(axes: Axes, degrees: Floats, u: Floats, energy: Floats, turns: Floats
         both = np.repeat(energy[few], 2)
         axes.plot(turns[few].ravel(), both, ".", color=PATH, ms=3.0, label="turning points")
         return
-    for k, (e, ends) in enumerate(zip(energy, turns, strict=True)):
-        axes.plot(
-            ends,
-            (e, e),
-            "o-",
-            color=PATH,
-            ms=4.0,
-            lw=1.0,
-            label="_" if k else "energy between turning points",
-        )
+    for e, ends, style in zip(energy, turns, styles, strict=True):
+        axes.plot(ends, (e, e), "o-", color=style["color"], ms=4.0, lw=1.0)
 
 
 def euler_curves(attitude: Floats) -> tuple[Floats, Floats, Floats]:
@@ -241,10 +245,11 @@ def mean_rate(t: Floats, angle: Floats) -> float:
     return above / below if below > 0.0 else 0.0
 
 
-def without_mean_rate(t: Floats, angle: Floats) -> tuple[Floats, float]:
-    """Return an angle minus its mean rate, and this rate [rad/s]; each piece between gaps begins
-    at most half a turn from the end of the piece before, the first one from 0."""
-    rate = mean_rate(t, angle)
+def without_mean_rate(t: Floats, angle: Floats, rate: float | None = None) -> tuple[Floats, float]:
+    """Return an angle minus its mean rate, and this rate [rad/s], by default `mean_rate`; each
+    piece between gaps begins at most half a turn from the end of the piece before, the first one
+    from 0."""
+    rate = mean_rate(t, angle) if rate is None else rate
     rest, last = angle - rate * (t - t[0]), 0.0
     for piece in _pieces(np.isfinite(rest)):
         rest[piece] -= 2.0 * np.pi * np.round((rest[piece.start] - last) / (2.0 * np.pi))
@@ -252,25 +257,33 @@ def without_mean_rate(t: Floats, angle: Floats) -> tuple[Floats, float]:
     return rest, rate
 
 
-def euler_angles(attitude: Floats, t: Floats, axes: Axes | None = None) -> Figure:
+def euler_angles(
+    attitude: Floats,
+    t: Floats,
+    axes: Axes | None = None,
+    rates: tuple[float, float] | None = None,
+) -> Figure:
     """Draw Euler angles z-x-z of attitudes (n, 4) against t (n,).
 
     The curves are theta, and phi and psi minus their mean rates, which the legend shows. Near
     theta = 0 and pi, where phi and psi are undefined, their curves end, and the picture is grey;
     see `euler_curves`.
+
+    rates : mean rates of phi and psi [rad/s] where they are known; by default estimates
     """
     axes = axes if axes is not None else new_figure("", (6.0, 4.6)).add_subplot()
     theta, phi, psi = euler_curves(attitude)
-    for name, values, style, color in (
-        ("θ", theta, "-", MEDIAN),
-        ("φ", phi, "--", PATH),
-        ("ψ", psi, ":", INK),
+    gaps = np.isnan(phi)
+    of_phi, of_psi = (None, None) if rates is None or gaps.any() else rates
+    for name, values, style, color, mean in (
+        ("θ", theta, "-", MEDIAN, 0.0),
+        ("φ", phi, "--", PATH, of_phi),
+        ("ψ", psi, ":", INK, of_psi),
     ):
-        angle, rate = (theta, 0.0) if name == "θ" else without_mean_rate(t, values)
+        angle, rate = (theta, 0.0) if name == "θ" else without_mean_rate(t, values, mean)
         sign = "−" if rate > 0.0 else "+"
         label = name if rate == 0.0 else f"{name} {sign} ({abs(rate):.4g} rad/s) t"
         axes.plot(t, np.degrees(angle), style, color=color, linewidth=1.8, label=label)
-    gaps = np.isnan(phi)
     if gaps.any():
         place = axes.get_xaxis_transform()
         words = "φ, ψ undefined: axis 3 is vertical"
@@ -293,8 +306,12 @@ def lagrange_summary(
     figure, left, upper, lower = _three(title)
     axis_path(moments, weight, momentum, attitude, left)
     draw_effective_potential(moments, weight, momentum, attitude, upper)
-    t = _times(moments, momentum, analyse_lagrange_top(moments, weight, momentum, attitude), 4)
-    euler_angles(solve_lagrange_top(moments, weight, momentum, attitude, t).attitude, t, lower)
+    top = analyse_lagrange_top(moments, weight, momentum, attitude)
+    t = _times(moments, momentum, top, 4)
+    found = solve_lagrange_top(moments, weight, momentum, attitude, t).attitude
+    period = float(top.period)
+    means = float(top.precession) / period, float(top.spin) / period
+    euler_angles(found, t, lower, means if np.isfinite(means).all() else None)
     return figure
 
 
@@ -345,11 +362,12 @@ def _three(title: str) -> tuple[Figure, Axes, Axes, Axes]:
 def _finish(axes: Axes, title: str) -> None:
     """Add a title, and a legend of one or two rows between title and axes."""
     lines = len(axes.get_legend_handles_labels()[1])
-    axes.set_title(title, fontsize=10, pad=24 if lines <= 3 else 38)
-    columns = 3 if lines <= 3 else 2
-    axes.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, fontsize=8, frameon=False
-    )
+    axes.set_title(title, fontsize=10, pad=38 if lines > 3 else 24 if lines else 6)
+    columns = 2 if lines == 4 else 3
+    if lines:
+        axes.legend(
+            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, fontsize=8, frameon=False
+        )
 
 
 def _times(

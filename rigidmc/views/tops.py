@@ -187,5 +187,12 @@ def effective_potential(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
         raise ValueError("effective_potential needs heavy symmetric tops: no gravity acts on them")
     axes = axes or figure_of_result(ds, (7.0, 4.8)).add_subplot()
     shown = symmetric_about_3(tops)
-    draw_effective_potential(shown.moments, shown.weight, shown.momentum, shown.attitude, axes)
+    draw_effective_potential(
+        shown.moments,
+        shown.weight,
+        shown.momentum,
+        shown.attitude,
+        axes,
+        member_labels(good.member.values),
+    )
     return figure_of(axes)

@@ -1,5 +1,6 @@
 """Live pages of heavy symmetric tops: starts by closed forms, ends of sliders, and readings."""
 
+import itertools
 import re
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.errors import OptionError
+from rigidmc.mechanics import rotation
 from tests.views.test_live import browser, opened  # noqa: F401
 
 KINDS = {
@@ -73,6 +75,51 @@ def test_the_mean_rate_is_that_of_whole_nutations(browser, tmp_path):  # noqa: F
     assert read == pytest.approx(mean, rel=1e-3)  # measured 1.6e-4
 
 
+def test_a_mean_of_less_than_a_nutation_is_one_so_far(browser, tmp_path):  # noqa: F811
+    """The change of phi by the time passed, beside the closed form."""
+    rm.live("heavy_top", tmp_path / "top.html", members=1)
+    for t in (0.03, 0.09, 0.13):  # of a nutation of 0.15 s
+        page = opened(
+            browser, tmp_path / "top.html", hash_=f"#t={t}&start.omega.2=-1.7&start.omega.3=200"
+        )
+        page.wait_for_function(f"!state.busy && state.step >= {round(t / 5e-4)}")
+        moments = page.evaluate("state.body.moments")
+        weight = page.evaluate("state.body.mass * 9.81 * state.body.centre[2]")
+        momentum = np.multiply((0.0, -1.7, 200.0), moments)
+        true = rm.solve_lagrange_top(moments, weight, momentum, (0.0, 0.4, 0.0), [t]).attitude
+        phi = np.degrees(float(rotation.euler(true[0])[0]))
+        read = float(re.search("so far ([-.0-9]+)", page.inner_text("#readings"))[1])
+        assert read == pytest.approx(phi / t, rel=5e-4)  # four digits
+        page.close()
+
+
+ULPS = (0, 1, 2, 8, 1000, 1e8)  # between the ends of an axis, in those of its lower end
+
+
+@pytest.mark.parametrize("low", [0.0, 1e-9, 30.0, -30.0, 1e6])
+def test_charts_draw_values_that_differ_by_rounding(low, browser, tmp_path):  # noqa: F811
+    """As theta does in steady precession: a page that could not draw them stopped."""
+    rm.live("heavy_top", tmp_path / "top.html", members=1)
+    page = opened(browser, tmp_path / "top.html")
+    for dots in (True, False):
+        for across, upward in itertools.product(ULPS, ULPS):
+            x, y = ([low, low + float(np.spacing(low)) * ulps] for ulps in (across, upward))
+            drawn = {"series": [{"x": x, "y": y, "name": "a"}], "across": "", "upward": ""}
+            page.evaluate("drawn => charts.portrait.draw(drawn)", {**drawn, "dots": dots})
+    assert page.faults == []
+
+
+def test_buttons_need_no_slider_of_a_spin_that_is_0(browser, tmp_path):  # noqa: F811
+    names = ["start.omega.2", "start.omega.3", "start.attitude.theta"]
+    rm.live("heavy_top", tmp_path / "top.html", dict.fromkeys(names), members=1)
+    page = opened(browser, tmp_path / "top.html")
+    assert page.locator("#presets button").count() == len(KINDS)
+    for word in KINDS:
+        page.click(f"#presets >> text={word}")
+    assert page.evaluate("SLIDERS.map(s => s.value)")[2] == 0.01  # sleeping
+    assert page.faults == []
+
+
 def test_a_page_reads_off_the_motion(browser, tmp_path):  # noqa: F811
     """Rates and periods beside the closed form; a top that spins too slowly says what it needs."""
     rm.live("heavy_top", tmp_path / "top.html", members=1)
@@ -90,6 +137,11 @@ def test_a_page_reads_off_the_motion(browser, tmp_path):  # noqa: F811
     assert read["mean dφ/dt"] == pytest.approx(mean, rel=5e-4)  # measured 5e-5
     slow, _ = rm.steady_precession(moments, weight, 200.0, 0.4)
     assert read["steady precession"] == pytest.approx(np.degrees(slow), rel=1e-3)
+    # waves end at the push that the page states
+    push = float(re.search("waves for a push of 0 to ([.0-9]+)", text)[1])
+    for part, kind in ((0.999, "monotone precession"), (1.001, "loops")):
+        momentum = np.multiply(moments, (0.0, part * push, 200.0))
+        assert rm.analyse_lagrange_top(moments, weight, momentum, start[3]).kind == kind
     page.evaluate("SLIDERS.find(s => s.name === 'start.omega.3').set(80); begin()")
     page.click("text=steady precession")
     least = float(rm.least_spin(moments, weight, 0.4))
@@ -128,6 +180,17 @@ def test_a_page_of_several_scenes_shows_two_side_by_side(browser, tmp_path):  # 
     page.click("#both")
     for frame in frames:
         frame.wait_for_function("state.time === 0")
+    # after the mouse the keys are the pages', and a speed is that of both
+    page.keyboard.press(" ")
+    for frame in frames:
+        frame.wait_for_function("state.playing")
+    frames[1].select_option("#speed", "0.2")
+    for frame in frames:
+        frame.wait_for_function("state.speed === 0.2")
+    page.locator("#two").click()
+    page.locator("#two").click()
+    page.keyboard.press(" ")
+    assert page.is_checked("#two")
     with pytest.raises(OptionError, match="at least one scene"):
         rm.live({})
 
@@ -159,6 +222,20 @@ def test_a_phone_scrolls_and_keeps_the_top_in_view(browser, tmp_path):  # noqa: 
     page.evaluate("scrollTo(0, 900)")
     page.wait_for_timeout(300)
     assert page.locator("#body").bounding_box()["y"] == 0.0
+    # a swipe that begins on a slider leaves it where it was
+    values = page.evaluate("SLIDERS.map(s => s.value)")
+    for slider in page.locator("#sliders input").all()[:4]:
+        slider.scroll_into_view_if_needed()
+        page.wait_for_timeout(300)
+        box = slider.bounding_box()
+        x, y, from_top = box["x"] + 0.8 * box["width"], box["y"] + 8.0, page.evaluate("scrollY")
+        for kind, part in (("touchStart", 0.0), *(("touchMove", 0.1 * k) for k in range(1, 11))):
+            point = {"x": x, "y": y - 200.0 * part}
+            hand.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [point]})
+        hand.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        page.wait_for_timeout(500)
+        assert page.evaluate("scrollY") > from_top + 50
+        assert page.evaluate("SLIDERS.map(s => s.value)") == values
     assert "circle of fixed points" in page.inner_text("#inside-words")
 
 

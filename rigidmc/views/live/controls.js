@@ -62,6 +62,10 @@ function sliders() {
     });
     // after the mouse the keys are the page's again
     input.addEventListener("pointerup", () => { slider.set(slider.value); input.blur(); });
+    // a swipe that scrolls the page begins by a touch, which moves the slider that it meets
+    let before;
+    input.addEventListener("pointerdown", () => { before = slider.value; });
+    input.addEventListener("pointercancel", () => { if (slider.value !== before) { slider.set(before); begin(); } });
     slider.set(slider.value);
     return label;
   }));
@@ -124,14 +128,19 @@ function start() {
   const { time, told } = restore();
   state.speed = Number($("speed").value);
   $("members").onchange = event => { state.members = Number(event.target.value); begin(); };
-  $("speed").onchange = event => { state.speed = Number(event.target.value); };
+  $("speed").onchange = event => {
+    state.speed = Number(event.target.value);
+    if (parent !== window) parent.postMessage({ speed: state.speed, isPicked: true }, "*");
+  };
   for (const box of document.querySelectorAll("#controls input")) {
     box.onchange = () => draw();
     box.onpointerup = () => box.blur();
   }
   $("torque").hidden = DATA.isFree;
   const isTop = DATA.gravity !== null && topOf()?.spin, has = (kind, place) => byPlace(kind, place) !== undefined;
-  const words = isTop && has("spin", 0) && has("spin", 1) ? [...Object.keys(PRESETS), ...(has("spin", 2) && has("angle", 1) ? ["sleeping"] : [])] : [];
+  // without a slider omega_1 stays 0: the push is all of omega_2 where axis 1 is level
+  const isLevel = isTop && !has("angle", 2) && !spinOf(0)[0] && !Math.sin(topOf().psi);
+  const words = isTop && (has("spin", 0) || isLevel) && has("spin", 1) ? [...Object.keys(PRESETS), ...(has("spin", 2) && has("angle", 1) ? ["sleeping"] : [])] : [];
   $("presets").replaceChildren(...words.map(word => html("button", { type: "button" }, word)));
   for (const button of $("presets").children) button.onclick = () => setPreset(button.textContent);
   $("play").onclick = () => play(!state.playing);

@@ -19,13 +19,13 @@ const PRESETS = { "steady precession": 1, waves: 0.5, cusps: 0, loops: -1 }, UPR
 function setPreset(word) {
   const top = topOf(), per = DATA.omega ? 1 : top.i1, [first, second, third] = [0, 1, 2].map(k => byPlace("spin", k)), lean = byPlace("angle", 1);
   if (word === "sleeping") {
-    lean.set(UPRIGHT); first.set(0); second.set(0);
+    lean.set(UPRIGHT); first?.set(0); second.set(0);
     if (Math.abs(top.spin) < 1.1 * top.least * top.i3) third.set((top.spin < 0 ? -1 : 1) * 1.1 * top.least * (DATA.omega ? 1 : top.i3));
   } else if (PRESETS[word] && isNaN(top.slow)) {
     return tell(`No steady precession at this lean: it needs a spin above ${nice(+top.needed.toPrecision(4))} rad/s, and ω₃ is ${nice(+(top.spin / top.i3).toPrecision(4))} rad/s.`);
   } else {
     const push = PRESETS[word] && PRESETS[word] * top.slow * Math.sin(top.theta) * per;
-    first.set(push * Math.sin(top.psi)); second.set(push * Math.cos(top.psi));
+    first?.set(push * Math.sin(top.psi)); second.set(push * Math.cos(top.psi));
   }
   begin();
   play(true);
@@ -43,15 +43,16 @@ function followTop() {
   }
 }
 const RESOLVED = 6;   // samples of a nutation, below which they might miss one
+const NODDING = 1e-3;   // degrees between the ends of theta, below which they may be rounding
 // the times of the highest theta between samples: the tops of parabolas through three samples; none of a motion without
-// nutation, of which 0.001 degrees may be rounding, or if samples might miss nutations
+// nutation, or if samples might miss nutations
 function peaksOf(t, theta) {
   const peaks = [];
   for (let i = 1; i + 1 < t.length; i++) if (theta[i] > theta[i - 1] && theta[i] >= theta[i + 1]) {
     const [a, b] = [(theta[i] - theta[i - 1]) / (t[i] - t[i - 1]), (theta[i + 1] - theta[i]) / (t[i + 1] - t[i])];
     peaks.push(0.5 * (t[i - 1] + t[i] + (t[i + 1] - t[i - 1]) * a / (a - b)));
   }
-  const isClear = !DATA.isFree && !DATA.isRandom && Math.max(...theta) - Math.min(...theta) > 1e-3;
+  const isClear = !DATA.isFree && !DATA.isRandom && Math.max(...theta) - Math.min(...theta) > NODDING;
   return isClear && t.length > RESOLVED * (peaks.length - 1) ? peaks : [];
 }
 // [name, words] of numbers: of the latest sample, and of all that the charts show
@@ -59,12 +60,19 @@ function readings(samples, t, peaks) {
   const last = samples.at(-1), digits = (x, n = 4) => nice(+x.toPrecision(n)), list = [], theta = samples.map(s => degrees(eulerOf(s)[1]));
   const low = Math.min(...theta), high = Math.max(...theta);
   list.push(["θ", `${digits(theta.at(-1))}° (${digits(low)}° to ${digits(high)}°)`]);
-  if (!DATA.isFree && t.length > 2) list.push(["mean dφ/dt", `${digits(meanRate(t, unwrapped(samples.map(s => degrees(eulerOf(s)[0]))), peaks))}°/${CLOCK.one}`]);
+  if (!DATA.isFree && t.length > 2) {
+    const phi = unwrapped(samples.map(s => degrees(eulerOf(s)[0]))), isWhole = peaks.length > 1;
+    const rate = isWhole ? meanRate(t, phi, peaks) : (phi.at(-1) - phi[0]) / (t.at(-1) - t[0]);
+    list.push([`mean dφ/dt${isWhole || high - low < NODDING ? "" : " so far"}`, `${digits(rate)}°/${CLOCK.one}`]);
+  }
   const count = peaks.length - 1;
   if (count > 0) list.push(["nutation", `${digits((peaks.at(-1) - peaks[0]) / count)} ${CLOCK.unit}, mean of ${count.toLocaleString("en")}`]);
   if (isFinite(last.energy)) list.push(["E", `${digits(last.energy, 6)} J`]);
   list.push(["|L|²", `${digits(inner(last.l, last.l), 6)} kg² m⁴/s²`]);
   const top = topOf();
+  // up to twice k/p_psi the axis traces waves, if it does not reach the vertical before
+  if (top?.k > 0 && top.spin ** 2 > 2 * top.i1 * top.k * (1 + Math.cos(top.theta)))
+    list.push(["waves for a push of 0 to", `${digits(2 * top.k / top.spin * Math.sin(top.theta))} rad/s`]);
   if (top?.spin) list.push(["steady precession", isNaN(top.slow) ? `from ω₃ = ${digits(top.needed)} rad/s on` : `${digits(degrees(top.slow) * CLOCK.by)}°/${CLOCK.one}`],
     ["sleeps upright from ω₃ =", `${digits(top.least)} rad/s on`]);
   return list;

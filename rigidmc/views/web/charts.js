@@ -7,6 +7,12 @@ function ticks(low, high, count) {
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) list.push(k * step);
   return list.length > 2 || count > 16 ? list : ticks(low, high, 2 * count);
 }
+// the ends of an axis; of values that differ by less than a part of themselves, such as by rounding, wider ones
+function widened(low, high, part) {
+  if (!isFinite(low)) return [0, 1];
+  const more = low ? 0.1 * Math.abs(low) : 1;
+  return high - low > part * Math.max(Math.abs(low), Math.abs(high), 1e-12) ? [low, high] : [low - more, high + more];
+}
 const nice = x => x === 0 ? "0" : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-3
   ? (+x.toPrecision(6)).toExponential().replace("e+", "e") : String(+x.toPrecision(6));
 
@@ -35,11 +41,10 @@ class Chart extends Canvas {
     for (const { x, y } of series) for (let i = 0; i < x.length; i++) if (isFinite(y[i])) {
       x0 = Math.min(x0, x[i]); x1 = Math.max(x1, x[i]); y0 = Math.min(y0, y[i]); y1 = Math.max(y1, y[i]);
     }
-    if (!(x1 > x0)) [x0, x1] = isFinite(x0) ? [x0, x0 + 1] : [0, 1];
-    if (!isFinite(y0)) [y0, y1] = [0, 1];
     // labels have six digits: a narrower chart would repeat them
-    const least = 1e-5 * Math.max(Math.abs(y0), Math.abs(y1), 1e-12);
-    if (!(y1 - y0 > least)) { const more = Math.abs(y0) > 0 ? 0.1 * Math.abs(y0) : 1; y0 -= more; y1 += more; }
+    [y0, y1] = widened(y0, y1, 1e-5);
+    if (dots) [x0, x1] = widened(x0, x1, 1e-5);
+    else if (!(x1 - x0 > 1e-12 * Math.abs(x1))) [x0, x1] = isFinite(x0) ? [x0, x0 + 1] : [0, 1];
     const margin = log ? 0.5 : 0.06 * (y1 - y0);
     y0 -= margin; y1 += margin;
     Object.assign(this, { box, x0, x1, series });

@@ -192,9 +192,11 @@ class Stage extends Canvas {
     pen.font = "600 14px system-ui, sans-serif";
     pen.textAlign = "center"; pen.textBaseline = "middle";
     for (const [words, [x, y0], style] of this.labels) {  // labels move apart rather than overlap
-      const down = y0 < 30 ? 4 : -4;
-      let y = Math.max(y0, 10);
-      while (taken.some(([u, v]) => Math.abs(u - x) < 14 && Math.abs(v - y) < 15)) y += down;
+      let down = y0 < 30 ? 4 : -4, y = Math.max(y0, 10);
+      while (taken.some(([u, v]) => Math.abs(u - x) < 14 && Math.abs(v - y) < 15)) {
+        y += down;
+        if (y < 10) [y, down] = [Math.max(y0, 10), 4];
+      }
       taken.push([x, y]);
       pen.lineWidth = 3; pen.strokeStyle = colour("--paper"); pen.strokeText(words, x, y);
       pen.fillStyle = style; pen.fillText(words, x, y);
