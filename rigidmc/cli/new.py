@@ -46,7 +46,8 @@ def read_numbers(text: str, key: str, count: int | None = None, units: str | Non
     if not values or count not in (None, len(values)) or not all(map(math.isfinite, values)):
         many = "numbers" if count is None else "a number" if count == 1 else f"{count} numbers"
         commas = "" if count == 1 else " separated by commas"
-        raise OptionError(f"expected {many}{commas}, all finite", at=key, value=text)
+        hint = ", such as 0,0,150" if key == "spin" else ""
+        raise OptionError(f"expected {many}{commas}, all finite{hint}", at=key, value=text)
     return values
 
 

@@ -40,8 +40,8 @@ def compare(scene: Scene, at: float, members: int) -> list[str]:
     lines = [
         f"{scene.title}: {case.name}, closed form at t = {at:g} s, {members:,} member{plural}",
         _kinds(motions, good),
-        *_facts(motions, scene.run.first),
-        *_steady(case, motions, scene.run.first),
+        *_facts(motions, scene.run.first, members),
+        *_steady(case, motions, scene.run.first, members),
         *_sleep(case, motions),
     ]
     if not at > 0:
@@ -57,6 +57,7 @@ def compare(scene: Scene, at: float, members: int) -> list[str]:
 def _kinds(motions: Motions, good: NDArray[np.bool_]) -> str:
     """Return a line with the kinds of motion, most frequent first."""
     names = np.concatenate([motion.kind for _, motion in motions])
+    names = np.where(names == "monotone precession", "waves (monotone precession)", names)
     kinds, counts = np.unique(names, return_counts=True)
     if good.size == 1:
         return f"motion       {kinds[0]}"
@@ -66,7 +67,12 @@ def _kinds(motions: Motions, good: NDArray[np.bool_]) -> str:
     return f"motion       {'; '.join(words)}"
 
 
-def _facts(motions: Motions, first: int) -> list[str]:
+def _whose(member: int, members: int) -> str:
+    """Return the words that name one of some members; "" if there is one."""
+    return f" of member {member}" if members > 1 else ""
+
+
+def _facts(motions: Motions, first: int, count: int) -> list[str]:
     """Return lines with periods and angles: of the first member with a value, and their range."""
     lines = []
     for members, motion in motions:
@@ -80,7 +86,7 @@ def _facts(motions: Motions, first: int) -> list[str]:
             spread = ""
             if np.ptp(values) > 1e-12 * np.abs(values).max():
                 spread = f", from {values.min():.6g} to {values.max():.6g}"
-            lines.append(f"{label:12s} {values[0]:.12g} {unit} of member {member}{spread}")
+            lines.append(f"{label:12s} {values[0]:.12g} {unit}{_whose(member, count)}{spread}")
     return lines
 
 
@@ -99,9 +105,10 @@ def _numbers(
         yield "theta to", np.degrees(motion.low), "deg"
 
 
-def _steady(case: ClosedMotion, motions: Motions, first: int) -> Iterator[str]:
-    """Yield lines for the first Lagrange top: its precessions without nutation, and the least spin
-    of a sleeping top; Goldstein, Classical Mechanics, section 5.7, and TdC (3.77)."""
+def _steady(case: ClosedMotion, motions: Motions, first: int, count: int) -> Iterator[str]:
+    """Yield lines for the first Lagrange top: its precessions without nutation, the pushes (the
+    spins across the axis) for which it traces waves, and the least spin of a sleeping top;
+    Goldstein, Classical Mechanics, section 5.7, and TdC (3.77)."""
     for (form, members, part), (_, motion) in zip(case.parts(), motions, strict=True):
         if isinstance(motion, FreeMotionType) or motion.kind[0] in (
             *_UP,
@@ -113,8 +120,12 @@ def _steady(case: ClosedMotion, motions: Motions, first: int) -> Iterator[str]:
         moments, weight = np.roll(part.moments[0], 3 - form), part.weight[0]
         spin = part.momentum[0, form - 1] / moments[2]
         theta = float(np.arccos(np.clip(matrix(part.attitude[0])[2, form - 1], -1.0, 1.0)))
-        top = f"member {first + members[0]} at {np.degrees(theta):.6g} deg"
-        yield f"steady       precession of {top}: {_rates(moments, weight, spin, theta)}"
+        top = f"{_whose(first + members[0], count)} at {np.degrees(theta):.6g} deg"
+        yield f"steady       precession{top}: {_rates(moments, weight, spin, theta)}"
+        momentum = spin * moments[2]
+        if weight > 0.0 and momentum**2 > 2.0 * moments[0] * weight * (1.0 + np.cos(theta)):
+            most = 2.0 * weight / momentum * np.sin(theta)
+            yield f"waves       {top} for a push of 0 to {most:.6g} rad/s; loops beyond"
         least = least_spin(moments, abs(weight))
         yield f"sleep        upright, it sleeps above {least:.6g} rad/s; its spin is {spin:.6g}"
 
@@ -169,9 +180,9 @@ def _beside(motion: Motion, result: xr.Dataset) -> list[str]:
     shown = int(np.argmax(good))
     omega = last.omega.transpose("member", "axis").values
     attitude = last.attitude.transpose("member", "quat").values
-    step, member = f"dt = {result.attrs['dt']:.6g} s", int(result.member[shown])
+    step, member = f"dt = {result.attrs['dt']:.6g} s", _whose(int(result.member[shown]), members)
     lines = [
-        f"integration  {integrator}, {step}; member {member}:",
+        f"integration  {integrator}, {step}{member}:",
         f"{'':12s} {'closed form':>24s} {'integration':>24s} {'difference':>12s}",
     ]
     sign = 1.0 if motion.attitude[shown] @ attitude[shown] >= 0 else -1.0
@@ -187,7 +198,8 @@ def _beside(motion: Motion, result: xr.Dataset) -> list[str]:
     over = f"over {good.sum():,} member{'s' * bool(good.sum() > 1)}"
     for word, off, unit in (("omega", apart, "rad/s"), ("attitude", angle, "rad")):
         median, worst = f"{np.median(off):.2e} {unit}", f"{off.max():.2e} {unit}"
-        lines.append(f"{word:12s} difference {median} (median), {worst} (worst) {over}")
+        words = f"{median} (median), {worst} (worst) {over}" if members > 1 else worst
+        lines.append(f"{word:12s} difference {words}")
     return lines
 
 

@@ -1,6 +1,7 @@
 """Pictures and lines of closed forms: steady tops, and angles of bodies that stand upright."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -121,6 +122,11 @@ def test_exact_tells_the_rates_of_steady_precession():
     assert f"upright, it sleeps above {least:.6g} rad/s; its spin is 200" in told(SPIN)
     assert f"none below a spin of {least * np.sqrt(np.cos(THETA)):.6g} rad/s" in told(90.0)
     assert "motion       cusps\n" in told(SPIN)
+    waves = re.search("waves .* for a push of 0 to ([.0-9]+) rad/s", told(SPIN))
+    for part, kind in ((0.999, "monotone precession"), (1.001, "loops")):
+        momentum = MOMENTS * (0.0, part * float(waves[1]), SPIN)
+        assert rm.analyse_lagrange_top(MOMENTS, WEIGHT, momentum, ATTITUDE).kind == kind
+    assert "waves" not in told(90.0)  # slow: each push with the precession makes waves
 
 
 def test_exact_tells_one_precession_of_a_horizontal_axis():
@@ -129,4 +135,4 @@ def test_exact_tells_one_precession_of_a_horizontal_axis():
     line = next(x for x in compare(scene, -1.0, 1) if x.startswith("steady"))
     moments, spin = scene.body.moments, scene.start.sample_spin(scene.run.seed, 0, 1, None)[1][2, 0]
     rate = scene.body.mass * 9.81 * np.linalg.norm(scene.body.centre) / (moments[2] * spin)
-    assert f"precession of member 0 at 90 deg: slow {rate:.6g} rad/s, fast none" in line
+    assert f"precession at 90 deg: slow {rate:.6g} rad/s, fast none" in line
