@@ -120,7 +120,7 @@ def draw_effective_potential(
     theta = np.linspace(max(high - margin, 1e-6), min(low + margin, np.pi - 1e-6), 1001)
     p_phi, p_psi = tops.p_phi[:, None], tops.p_psi[:, None]
     u = effective_potential(moments[:, None], weight[:, None], p_phi, p_psi, theta) - spin[:, None]
-    # all wells of lines are in the picture, half of those of a density
+    # a picture has every well that is a line, and half the wells of a density
     energy, lowest = tops.energy - spin, np.median if len(u) > LINES else np.min
     floor = float(lowest(u.min(axis=1)))
     size = max(float(np.median(np.abs(u))), float(np.abs(energy).max()))

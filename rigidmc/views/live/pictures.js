@@ -125,7 +125,7 @@ function drawEllipsoid(stage, s) {
 }
 
 const HANDS = matchMedia("(pointer: coarse)").matches ? "Two fingers turn and zoom a picture; one finger turns it sideways."
-  : "Drag to turn, scroll to zoom. A slider, also by its arrow keys, is ten times finer with Shift.";
+  : "Drag to turn, scroll to zoom. A slider is ten times finer with Shift; once Tab has reached it, the arrow keys move it.";
 function draw() {
   // a frame that is not shown has no width
   if (!state.samples.length || !stages || !stages.body.node.clientWidth) return;

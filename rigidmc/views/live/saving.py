@@ -1,5 +1,6 @@
 """The scene file that a live page saves: a text with marks in the place of what the page sets."""
 
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -23,6 +24,7 @@ from rigidmc.scene.toml.values import as_toml
 from rigidmc.views.live.engine import LiveRun, doubles
 from rigidmc.views.live.sliders import Slider
 
+LIST = re.compile(r"\[\n((?:\s+[^\[\]\n]+,\n)+)\s*\]")  # as tomli_w writes it: an item a line
 OF_BODY = ("moments", "mass", "centre")
 
 
@@ -61,7 +63,11 @@ def _marked(scene: Scene, sliders: Mapping[int, Slider]) -> str:
         # a distribution of a whole vector is a table, in which no component has a place
         if isinstance(place, list) or isinstance(path[-1], str):
             place[path[-1]] = f"@{k}@"
-    return tomli_w.dumps(tables)
+    return LIST.sub(_in_a_line, tomli_w.dumps(tables))
+
+
+def _in_a_line(rows: re.Match[str]) -> str:
+    return f"[{' '.join(row.strip() for row in rows[1].splitlines()).removesuffix(',')}]"
 
 
 def _path(scene: Scene, name: str) -> tuple[Any, ...]:
