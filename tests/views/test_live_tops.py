@@ -187,6 +187,16 @@ def test_a_page_of_several_scenes_shows_two_side_by_side(browser, tmp_path):  # 
     frames[1].select_option("#speed", "0.2")
     for frame in frames:
         frame.wait_for_function("state.speed === 0.2")
+    # a key pressed in a page reaches the other: after Space both rest, though one had rested
+    frames[0].evaluate("play(false)")
+    frames[1].locator("h1").click()
+    page.keyboard.press(" ")
+    page.keyboard.press("Home")
+    for frame in frames:
+        frame.wait_for_function("!state.playing && state.time === 0")
+    page.keyboard.press("ArrowRight")
+    for frame in frames:
+        frame.wait_for_function("state.time === state.h")
     page.locator("#two").click()
     page.locator("#two").click()
     page.keyboard.press(" ")

@@ -160,7 +160,9 @@ function start() {
     try { await navigator.clipboard.writeText(location.href); } catch { /* the address bar has it */ }
   };
   $("save").onclick = download;
-  onKeys({ " ": () => play(!state.playing), ArrowRight: one, Home: () => begin(), d: () => $("dark").click(), r: () => $("reset").click(),
+  // a key pressed here reaches the page beside this one, and after Space both play or both rest
+  const both = (key, act) => sent => { act(sent); if (!sent && parent !== window) parent.postMessage({ key, isPlaying: state.playing }, "*"); };
+  onKeys({ " ": both(" ", sent => play(sent?.isPlaying ?? !state.playing)), ArrowRight: both("ArrowRight", one), Home: both("Home", () => begin()), d: () => $("dark").click(), r: () => $("reset").click(),
     l: () => $("link").click(), s: download }, ({ target, key }) => NATIVE[target.type]?.test(key));
   onResize(draw);
   followTheme(draw);

@@ -43,7 +43,7 @@ function onKeys(keys, isNative = () => false) {
     event.preventDefault();
     keys[event.key]();
   });
-  addEventListener("message", ({ source, data }) => { if (source === parent && source !== window) keys[data.key]?.(); });
+  addEventListener("message", ({ source, data }) => { if (source === parent && source !== window) keys[data.key]?.(data); });
 }
 // draw when the window changes; a page in a frame tells the page around it how high it is
 function onResize(draw) {
