@@ -33,9 +33,9 @@ from rigidmc.views.sample import (
     MemberPath,
     figure_of_result,
     good_members,
-    member_labels,
     member_paths,
     omega_or_momentum,
+    start_labels,
 )
 from rigidmc.views.sphere import family
 
@@ -71,7 +71,7 @@ def phase_portrait(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
         # AXIS is axis 3; any other axis turns as fast as the body at most
         kind = AXIS if tops is None or (tops.form == 3).all() else ATTITUDE
         paths, note = member_paths(good, kind)
-        styles, labels = line_styles(len(paths)), member_labels(good.member.values)
+        styles, labels = line_styles(len(paths)), start_labels(good)
         starts = []
         for path, style, label in zip(paths, styles, labels, strict=True):
             theta, rate = _swing(path, _swinging_axis(tops, path))
@@ -201,7 +201,7 @@ def _free_portrait(ds: xr.Dataset, good: xr.Dataset, figure: Figure | None) -> F
         paths, note = member_paths(good, BODY)
         moments, l = paths[0].moments, paths[0].momentum[0]
         is_shared = all(np.array_equal(path.moments, moments) for path in paths)
-        labels = member_labels(good.member.values)
+        labels = start_labels(good)
         for path, style, label in zip(paths, line_styles(count), labels, strict=True):
             for axes, (i, j) in zip(panels, pairs, strict=True):
                 axes.plot(path.omega[:, i], path.omega[:, j], label=label, **style)

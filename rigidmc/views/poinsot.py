@@ -33,7 +33,7 @@ from rigidmc.views.sample import (
     LINES,
     figure_of_result,
     good_members,
-    member_labels,
+    start_labels,
     starts_of,
     thin_result,
 )
@@ -84,7 +84,7 @@ def _herpolhodes(axes: Axes, good: xr.Dataset, moments: Vectors, l: Vectors, q: 
         wide = 1.05 * np.hypot(x, y).max()
         axes.set(xlim=(-wide, wide), ylim=(-wide, wide))
     else:
-        t, labels = np.linspace(0.0, end, count), member_labels(good.member.values)
+        t, labels = np.linspace(0.0, end, count), start_labels(good)
         starts = []
         for k, style in enumerate(line_styles(len(l))):
             x, y, _ = _in_plane(moments[k], l[k], q[k], t).T

@@ -35,8 +35,8 @@ from rigidmc.views.sample import (
     LINES,
     figure_of_result,
     good_members,
-    member_labels,
     member_paths,
+    start_labels,
     starts_of,
     times_of,
 )
@@ -112,7 +112,7 @@ def polhodes(
         paths, note = member_paths(ds, BODY)
         curves, words = [one.momentum for one in paths], f"path under torques, {times_of(paths)}"
     curves = [_directions(curve) for curve in curves]
-    labels = member_labels(good.member.values)
+    labels = start_labels(good)
     axes = axes or figure_of_result(ds, (6.0, 6.4)).add_subplot()
     cap = narrow_cap(curves, NARROW) if surface == "sphere" and not energies else None
     if cap is not None:

@@ -16,9 +16,10 @@ from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.errors import RigidmcError
 from rigidmc.figures import new_figure
 from rigidmc.mechanics.rotation import euler
+from rigidmc.physics.effects import label_effects
 from rigidmc.planning.turns import ATTITUDE, AXIS, BODY, Drive, Sparse, drive, sparse, turning_rates
 from rigidmc.results.frames import described, in_principal_axes, principal
-from rigidmc.results.labels import count_text
+from rigidmc.results.labels import count_text, in_symbols, value_text
 from rigidmc.scene.scene import scene_of
 
 TIMES = 4000  # most saves to read: a line on a picture cannot show more
@@ -217,6 +218,32 @@ def starts_of(good: xr.Dataset) -> tuple[Floats, Floats, Floats]:
 def member_labels(members: NDArray[Any]) -> list[str | None]:
     """Return the labels of the lines of members; more than KEYED lines have none."""
     return [f"member {one}" if members.size <= KEYED else None for one in members]
+
+
+def start_labels(good: xr.Dataset) -> list[str | None]:
+    """Return labels as `member_labels` does, but the values of a number of the body, the effects or
+    the start by which alone the members differ: "ω₂(0) = 1 rad/s"."""
+    labels, members = member_labels(good.member.values), good.sizes["member"]
+    try:
+        effects = {f"{label}_" for label, _ in label_effects(scene_of(good).effects)}
+    except RigidmcError:  # a result without a scene
+        return labels
+    given = ("moments", "mass", "centre", "start_", *effects)
+    rows = [
+        (f"{name}[{k}]" if len(values) > 1 else str(name), variable, row)
+        for name, variable in good.data_vars.items()
+        if str(name).startswith(given) and set(variable.dims) - {"axis", "quat"} == {"member"}
+        for values in (np.atleast_2d(variable.transpose(..., "member").values),)
+        for k, row in enumerate(values, 1)
+        if np.ptp(row) > 0.0
+    ]
+    if len(rows) != 1 or members > KEYED:
+        return labels
+    name, variable, row = rows[0]
+    texts = [
+        f"{in_symbols(name)} = {value_text(x, variable, 4)}".replace("= -", "= −") for x in row
+    ]
+    return list(texts) if len(set(texts)) == members else labels
 
 
 def times_of(paths: list[MemberPath]) -> str:

@@ -36,8 +36,8 @@ from rigidmc.views.sample import (
     LINES,
     figure_of_result,
     good_members,
-    member_labels,
     member_paths,
+    start_labels,
     thin_result,
     times_of,
 )
@@ -62,7 +62,7 @@ def trajectory(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
         return axis_density(ds, axes)
     paths, note = member_paths(good, AXIS)
     tips = [to_space(path.attitude, (0.0, 0.0, 1.0)) for path in paths]
-    styles, labels = line_styles(len(paths)), member_labels(good.member.values)
+    styles, labels = line_styles(len(paths)), start_labels(good)
     axes = axes or figure_of_result(ds, (6.0, 6.4)).add_subplot()
     draw: Callable[..., None] = draw_curve
     place: Callable[..., Any] = screen
@@ -115,7 +115,7 @@ def angles(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
             add_title(axes, "Euler angles (z-x-z)", note, pad=24 if is_whole else 38)
         return figure
     rows = figure.subplots(3, 1, sharex=True)
-    labels, has_gaps = member_labels(good.member.values), False
+    labels, has_gaps = start_labels(good), False
     for path, style, label in zip(paths, line_styles(count), labels, strict=True):
         theta, *others = euler_curves(path.attitude)
         has_gaps |= bool(np.isnan(others[0]).any())
@@ -193,6 +193,6 @@ def effective_potential(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
         shown.momentum,
         shown.attitude,
         axes,
-        member_labels(good.member.values),
+        start_labels(good),
     )
     return figure_of(axes)

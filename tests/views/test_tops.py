@@ -119,3 +119,23 @@ def test_refusals_name_the_rule(pendulums, free):
 def test_help_lists_the_pictures(free):
     methods = vars(type(free.rigid.plot))
     assert all(methods[name].__doc__.startswith("Draw ") for name in PICTURES)
+
+
+HEAVY = {"run.t_end": 0.2}
+LABELS = (  # what differs, and the labels: more than one number keeps the members
+    ({"start.omega": (0.0, rm.grid(-1.5, 1.5, 3), 200.0)}, ["ω₂(0) = −1 rad/s", "ω₂(0) = 0 rad/s"]),
+    ({"start.omega": (0.0, 0.0, 200.0), "effects.gravity.g": rm.grid(5.0, 11.0, 3)},
+     ["gravity g = 6 m/s²", "gravity g = 8 m/s²"]),
+    ({"effects.gravity.g": rm.grid(5.0, 11.0, 3)}, ["member 0", "member 1"]),
+    ({"start.omega": (rm.normal(0, 1), rm.normal(0, 1), 200.0)}, ["member 0", "member 1"]),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("settings", "labels"), LABELS)
+def test_lines_name_the_one_number_by_which_members_differ(settings, labels):
+    scene = rm.Scene.load("heavy_top", {**settings, **HEAVY})
+    ds = rm.simulate(scene, members=3, every=0.1, save=("omega", "attitude"))
+    for name in ("trajectory", "phase_portrait", "effective_potential"):
+        axes = getattr(ds.rigid.plot, name)().axes[0]
+        assert set(labels) <= set(axes.get_legend_handles_labels()[1])
+        assert faults(axes.figure) == []
