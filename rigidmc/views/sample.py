@@ -224,6 +224,8 @@ def start_labels(good: xr.Dataset) -> list[str | None]:
     """Return labels as `member_labels` does, but the values of a number of the body, the effects or
     the start by which alone the members differ: "ω₂(0) = 1 rad/s"."""
     labels, members = member_labels(good.member.values), good.sizes["member"]
+    if members > KEYED:
+        return labels
     try:
         effects = {f"{label}_" for label, _ in label_effects(scene_of(good).effects)}
     except RigidmcError:  # a result without a scene
@@ -237,7 +239,7 @@ def start_labels(good: xr.Dataset) -> list[str | None]:
         for k, row in enumerate(values, 1)
         if np.ptp(row) > 0.0
     ]
-    if len(rows) != 1 or members > KEYED:
+    if len(rows) != 1:
         return labels
     name, variable, row = rows[0]
     texts = [
