@@ -245,7 +245,8 @@ def kills(count, folder, some, members=400_000, size=4, names=None):
         began = time.monotonic()
         assert done(*known[name].words, again + "/") == 0
         lengths.append(time.monotonic() - began)
-        assert sums(again) == sums(whole) and len(sums(whole)) > 5 - 5 * (name == "one shard")
+        # members and two shards or more, of which a kill may leave some; fast machines make few
+        assert sums(again) == sums(whole) and len(sums(whole)) > 2 - 2 * (name == "one shard")
         expected = study_of(known[name], whole)
         assert study_of(known[name], again) == expected
         kinds.append((known[name], sums(whole), expected))
