@@ -139,6 +139,8 @@ class PreparedRun:
 
     def _refuse_changes(self) -> None:
         """Raise PartError if custom code has changed since the run was prepared."""
+        if not self.contents:  # no custom code
+            return
         if changed := changes(self.contents, contents_of_parts(self.scene)):
             rule = f"{', '.join(changed[:5])}: changed since the run was prepared; prepare it again"
             raise PartError(rule, at="code")
@@ -336,7 +338,7 @@ class PreparedRun:
         except BaseException:
             sink.discard()
             raise
-        dataset.encoding[CLASSES] = remember_classes(self.scene)
+        dataset.encoding[CLASSES] = remember_classes(self.scene) if self.contents else ""
         dataset.encoding["rigidmc"] = {
             "run_seconds": time.perf_counter() - began,
             "flagged": flagged,

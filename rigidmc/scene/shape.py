@@ -46,6 +46,9 @@ class ShapePart(NamedTuple):
 
     def placed(self, at: ArrayLike, turned: ArrayLike = UPRIGHT) -> "ShapePart":
         """Return the part after turning its body about the origin, then moving it."""
+        if turned is UPRIGHT:  # a tenth of the time: each result writes its scene
+            origin = np.array(self.at) + floats(at, "at", 3)
+            return self._replace(at=tuple(origin.tolist()))
         origin = rotation.to_space(turned, np.array(self.at)) + floats(at, "at", 3)
         attitude = rotation.product(rotation.quaternion(turned), self.turned)
         return self._replace(at=tuple(origin.tolist()), turned=tuple(attitude.tolist()))
