@@ -42,6 +42,7 @@ def _turned(q: Array, true_q: Array) -> Array:
     """Return angles between attitudes (4, n); nan where steps were so long that there is none."""
     sizes = np.linalg.norm([q, true_q], axis=1)  # inf of finite numbers beyond 1e154, too
     valid = (np.isfinite(sizes) & (sizes > 0.0)).all(0)
+    # any attitude stands in for a missing one, whose angle is nan
     pair = (np.where(valid, each, 1.0).T for each in (q, true_q))
     turned: Array = np.where(valid, attitude_error(*pair), np.nan)
     return turned
