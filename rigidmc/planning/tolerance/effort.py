@@ -13,7 +13,7 @@ from rigidmc.planning.tolerance.deviation import errors
 from rigidmc.planning.tolerance.pilot import Pilot, first_steps, integrate_pilot, part_of
 from rigidmc.scene.amounts import count_text
 
-FREE = 4e8  # evaluations of any search: 2 s on two cores
+FREE = 4e8  # evaluations of any search: 1 to 3 s on two cores
 # Evaluations of a search and of its check, for each member of their pilots, in runs by rk8 with the
 # necessary steps. Upper estimates: the searches of 24 scenes took up to .76 of their limit.
 SEARCH, CHECK = 100, 10
