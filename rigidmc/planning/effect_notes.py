@@ -99,11 +99,7 @@ def idle_effects(effects: list[tuple[str, Any]], moments: Array, centre: Array) 
 
     moments, centre : (3, n) of the members
     """
-    size, few = np.abs(centre).max(), moments.shape[1]
-    with np.errstate(all="ignore"):
-        # scaled to size 1, so that no torque underflows to 0; a centre of 0 stays 0
-        scaled = tuple(moments / moments.max()), tuple(centre / (size or 1.0))
-        body = MassProperties.of(*scaled)
+    few, body = moments.shape[1], scaled_bodies(moments, centre)
     chance = np.random.default_rng(1)
     for label, effect in effects:
         if not is_shipped(effect) or any(_acts(effect, body, i, chance) for i in range(few)):
@@ -114,16 +110,30 @@ def idle_effects(effects: list[tuple[str, Any]], moments: Array, centre: Array) 
         yield f"[effects.{label}] has no effect on the first {count_text(few, 'member')}: {why}"
 
 
+def scaled_bodies(moments: Array, centre: Array) -> MassProperties:
+    """Return bodies of size 1, on which no torque underflows to 0; a centre of 0 stays 0."""
+    with np.errstate(all="ignore"):
+        bodies: MassProperties = MassProperties.of(
+            tuple(moments / moments.max()), tuple(centre / (np.abs(centre).max() or 1.0))
+        )
+    return bodies
+
+
+def of_member(effect: Any, bodies: MassProperties, i: int) -> tuple[Any, MassProperties]:
+    """Return the effect and the body of member i."""
+    body = MassProperties(*(np.asarray(x)[i] for x in bodies[:BODY_NUMBERS]))
+    return from_numbers(type(effect), [x[i] for _, _, x in numbers(effect)]), body
+
+
 def _acts(effect: Any, bodies: MassProperties, i: int, chance: np.random.Generator) -> bool:
     """Return whether an effect exerts a torque on member i at a random attitude, spin and time; for
     a bath, whether it has friction."""
-    body = MassProperties(*(np.asarray(x)[i] for x in bodies[:BODY_NUMBERS]))
-    of_member = from_numbers(type(effect), [x[i] for _, _, x in numbers(effect)])
-    if isinstance(of_member, Bath):
-        return bool(of_member.gamma != 0.0)
+    effect, body = of_member(effect, bodies, i)
+    if isinstance(effect, Bath):
+        return bool(effect.gamma != 0.0)
     q, l, t = (
         chance.normal(size=4),
         chance.normal(size=3) / max(body[:3]),
         chance.uniform(0.1, 10.0),
     )
-    return any(torque(of_member, body, t, tuple(q / np.linalg.norm(q)), tuple(l)))
+    return any(torque(effect, body, t, tuple(q / np.linalg.norm(q)), tuple(l)))

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.effects.bath import Bath
-from rigidmc.physics.effects.protocol import from_numbers, numbers, torque
+from rigidmc.physics.effects.protocol import torque
+from rigidmc.planning.effect_notes import of_member, scaled_bodies
 from rigidmc.scene.quantities import draw, is_shared, is_variable
 from rigidmc.scene.start import Start
 from rigidmc.units import degrees_note, euler_degrees_note
@@ -57,24 +57,19 @@ def motionless(start: Start, effects: Sequence[Any], moments: Array, centre: Arr
         return ""
     lean = ", or an attitude that leans, such as (0, 0.1, 0)" if effects else ""
     cure = f"[start] the body is at rest where no torque acts: nothing moves; give omega{lean}"
-    few = moments.shape[1]
-    with np.errstate(all="ignore"):
-        # scaled as in `idle_effects`
-        size = np.abs(centre).max() or 1.0
-        bodies = MassProperties.of(tuple(moments / moments.max()), tuple(centre / size))
+    few, bodies = moments.shape[1], scaled_bodies(moments, centre)
     chance = np.random.default_rng(1)
     attitudes = start.sample_attitude(0, 0, few)
     for effect in effects:
         if isinstance(effect, Bath):
             return ""
         for i in range(few):
-            body = MassProperties(*(np.asarray(x)[i] for x in bodies[:BODY_NUMBERS]))
-            of_member = from_numbers(type(effect), [x[i] for _, _, x in numbers(effect)])
+            acting, body = of_member(effect, bodies, i)
             q, anywhere = attitudes[:, i], chance.normal(size=(3, 4))
             times = (0.0, *chance.uniform(0.1, 10.0, 2))
-            here = [torque(of_member, body, t, tuple(q), (0.0,) * 3) for t in times]
+            here = [torque(acting, body, t, tuple(q), (0.0,) * 3) for t in times]
             there = [
-                torque(of_member, body, t, tuple(p / np.linalg.norm(p)), (0.0,) * 3)
+                torque(acting, body, t, tuple(p / np.linalg.norm(p)), (0.0,) * 3)
                 for t, p in zip(times, anywhere, strict=True)
             ]
             if np.abs(here).max() > STILL * np.abs(there).max():

@@ -26,7 +26,7 @@ from rigidmc.engine.compiler.user_stamps import (
     Foreign,
     Reads,
     Unknown,
-    contents_of,
+    cell_value,
     globals_of,
     is_named_tuple,
     library_name,
@@ -215,7 +215,7 @@ class _Copier:
         made.__kwdefaults__ = keywords and {k: self._copied(v) for k, v in keywords.items()}
         vars(made).update({name: self._copied(value) for name, value in vars(function).items()})
         for cell, empty in zip(function.__closure__ or (), made.__closure__ or (), strict=True):
-            if (value := contents_of(cell)) is not UNDEFINED:
+            if (value := cell_value(cell)) is not UNDEFINED:
                 empty.cell_contents = self._copied(value)
         for name, path, value in globals_of(function):
             if value is not UNDEFINED and name in function.__globals__:

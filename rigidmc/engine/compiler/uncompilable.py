@@ -19,7 +19,7 @@ from numba.core.registry import CPUDispatcher
 
 from rigidmc.engine.compiler.user_stamps import (
     Unknown,
-    contents_of,
+    cell_value,
     globals_of,
     is_named_tuple,
     library_name,
@@ -120,7 +120,7 @@ def _read(function: FunctionType) -> Iterator[Any]:
         yield from (value for _, _, value in globals_of(function))
     except Unknown:
         return
-    yield from map(contents_of, function.__closure__ or ())
+    yield from map(cell_value, function.__closure__ or ())
 
 
 def _constructs(function: FunctionType, cls: Any) -> Iterator[tuple[int, str]]:
@@ -149,7 +149,7 @@ def _values(function: FunctionType) -> dict[str, Any]:
     except Unknown:
         return {}
     cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
-    return values | {name: contents_of(cell) for name, cell in cells}
+    return values | {name: cell_value(cell) for name, cell in cells}
 
 
 def _rule(node: Any, cls: Any, values: dict[str, Any], function: FunctionType) -> str:

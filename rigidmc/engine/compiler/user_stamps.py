@@ -206,7 +206,7 @@ def _of_function(function: FunctionType) -> Words:
         yield from words_of_value(value, what)
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         yield f"{label} reads {name}", f"closure {name}"
-        yield from words_of_value(contents_of(cell), f"{label} reads {name}")
+        yield from words_of_value(cell_value(cell), f"{label} reads {name}")
 
 
 def _of_code(code: CodeType) -> Iterator[Any]:
@@ -320,7 +320,7 @@ def globals_of(function: FunctionType) -> Iterator[tuple[str, list[str], Any]]:
         yield name, taken, value
 
 
-def contents_of(cell: Any) -> Any:
+def cell_value(cell: Any) -> Any:
     """Return the value in a cell of a closure."""
     try:
         return cell.cell_contents
