@@ -112,9 +112,10 @@ def idle_effects(effects: list[tuple[str, Any]], moments: Array, centre: Array) 
 
 def scaled_bodies(moments: Array, centre: Array) -> MassProperties:
     """Return bodies of size 1, on which no torque underflows to 0; a centre of 0 stays 0."""
+    reach = np.abs(centre).max() or 1.0  # a centre of 0 is divided by 1, in any unit
     with np.errstate(all="ignore"):
         bodies: MassProperties = MassProperties.of(
-            tuple(moments / moments.max()), tuple(centre / (np.abs(centre).max() or 1.0))
+            tuple(moments / moments.max()), tuple(centre / reach)
         )
     return bodies
 
