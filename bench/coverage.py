@@ -14,8 +14,8 @@ from scipy import stats
 import rigidmc as rm
 from bench import cantor, harness, multilevel
 from bench.rare_truths import SPREAD, bathed, passed, spun
-from rigidmc.results import censored, intervals
 from rigidmc.scene.sampling import Saltelli
+from rigidmc.statistics import censored, intervals
 from rigidmc.studies.sensitivity.study import indices
 
 FEW = 50  # studies of a quick run

@@ -17,7 +17,7 @@ import xarray as xr
 import rigidmc as rm
 from bench import harness, startup
 from bench.memory import peak
-from rigidmc.results.intervals import mean, probability
+from rigidmc.statistics.intervals import mean, probability
 from rigidmc.studies.stability_map.case import MAPS
 
 SIDES = {"intermediate_axis": 512}

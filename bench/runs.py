@@ -27,7 +27,7 @@ OPEN = """
 import sys, time
 import rigidmc as rm
 import rigidmc.runs.directory.dataset
-from rigidmc.results import run_directory
+from rigidmc.runs.directory import folder as run_directory
 import dask.array, xarray
 began = time.perf_counter()
 rm.open(sys.argv[1])

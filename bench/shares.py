@@ -9,7 +9,7 @@ import numpy as np
 
 import rigidmc as rm
 from bench import harness
-from rigidmc.results.measures import measure
+from rigidmc.statistics.measures import measure
 from rigidmc.studies.sensitivity.study import indices
 
 HALF = 0.01  # half the width of the intervals

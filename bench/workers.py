@@ -98,8 +98,8 @@ async def serve(port, count, way):
 
 def resume(port, path, work, pids):
     """Be the client: resume the run in a directory by stubs; print a row as JSON."""
-    from rigidmc.results.run_directory import RunDirectory, status
     from rigidmc.runs.directory.cluster import compute_on
+    from rigidmc.runs.directory.folder import RunDirectory, status
     from rigidmc.runs.directory.resume import keep_journal
 
     processes = {"client": psutil.Process()}
@@ -163,8 +163,8 @@ def start(*words, **options):
 def make(path, shards):
     """Create the directory of a run with so many shards, by the facts of a small one."""
     import rigidmc as rm
-    from rigidmc.results.run_facts import facts_text
     from rigidmc.runs.directory.create import create
+    from rigidmc.runs.directory.facts import facts_text
 
     scene = rm.Scene.load("dzhanibekov").with_run(members=32, t_end=0.1, every=0.1)
     facts = create(scene, path, 1.0).facts

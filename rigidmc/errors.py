@@ -269,7 +269,7 @@ def nearest(word: object, words: Iterable[object]) -> str | None:
     """Return the member of `words` that ends in `word`, "run.t_end" for "t_end", else the one that
     it is a synonym of, else the most similar one, else the first with a part like it,
     "effects.gravity.g" for "gravity"; None if none is similar."""
-    from rigidmc.synonyms import NAMES
+    from rigidmc.inputs.synonyms import NAMES
 
     # a file may have a million long names, and comparing two takes the product of their lengths
     known = {str(w).lower(): str(w) for w in islice(words, _MANY) if len(str(w)) <= _WORD}

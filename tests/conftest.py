@@ -79,7 +79,7 @@ LONG = (
     "tests/cli/test_text_input.py",
     "tests/scene/test_satellites.py",
     "tests/planning/test_closed_form.py",
-    "tests/results/test_censored.py",
+    "tests/statistics/test_censored.py",
     "tests/files/test_helpers.py",
 )
 

@@ -16,10 +16,10 @@ import numpy as np
 import tomli_w
 
 import rigidmc as rm
-from rigidmc.results.run_directory import _SHARD, RunDirectory, hash_of_file
-from rigidmc.results.run_facts import facts_text
 from rigidmc.runs.directory import resume
 from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.facts import facts_text
+from rigidmc.runs.directory.folder import _SHARD, RunDirectory, hash_of_file
 from rigidmc.runs.directory.load import scene_in
 
 SCENE = """
@@ -618,7 +618,7 @@ def summed(path, scene):
             facts = json.load(file)
         facts.pop("check", None)
         if scene:
-            from rigidmc.results.run_facts import hash_of
+            from rigidmc.runs.directory.facts import hash_of
 
             facts["scene"] = hash_of(scene_in(path, facts, False))
         text = facts_text(facts)

@@ -401,7 +401,7 @@ def faults(most, folder, some, commands=("run", "extend", "merge")):
     from typer.testing import CliRunner
 
     from rigidmc.cli import app
-    from rigidmc.results import run_directory
+    from rigidmc.runs.directory import folder as run_directory
 
     whole, path, words = (
         os.path.join(folder, "whole"),

@@ -12,8 +12,8 @@ import typer
 from typer.core import TyperGroup
 
 from rigidmc.errors import FileError, OptionError, RigidmcError, in_file
-from rigidmc.files.processes import PACKAGE, environment
-from rigidmc.import_hook import Load, on_import
+from rigidmc.processes.helpers import PACKAGE, environment
+from rigidmc.processes.import_hook import Load, on_import
 from rigidmc.version import VERSION
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from rigidmc.files.stores import is_folder
 from rigidmc.results.labels import count_text
 
 if TYPE_CHECKING:
-    from rigidmc.results.run_directory import RunDirectory
+    from rigidmc.runs.directory.folder import RunDirectory
 
 
 def shards_of(text: str | None) -> range | None:
@@ -93,8 +93,8 @@ def start_directory(
     make: Make, ways: DirectoryOptions, threads: int | None, allow_code: bool, device: str | None
 ) -> tuple[int, bool]:
     """Make a run directory and compute its shards; see `resume_directory`."""
+    from rigidmc.processes.threads import Late, ending
     from rigidmc.runs.directory.cluster import parse_cluster
-    from rigidmc.threads import Late, ending
 
     max_wall, shards, shard_size, shard_time, cluster = ways
     kind, count = ("", "") if cluster is None else parse_cluster(cluster)
@@ -135,7 +135,7 @@ def resume_directory(
 
     Return (exit code, whether the whole run is done).
     """
-    from rigidmc.results import run_directory
+    from rigidmc.runs.directory import folder as run_directory
     from rigidmc.studies.framework import tasks
     from rigidmc.studies.stability_map.stored import resume_growing
 
@@ -233,7 +233,7 @@ def resume_command(
 
 def status_command(run: RunArgument) -> None:
     with report_errors():
-        from rigidmc.results import run_directory
+        from rigidmc.runs.directory import folder as run_directory
 
         facts = run_directory.status(run)
     print(
@@ -261,7 +261,7 @@ Spot = Annotated[
 
 def verify_command(run: RunArgument, spot: Spot = 3, allow_code: AllowCode = False) -> None:
     with report_errors():
-        from rigidmc.results import run_directory
+        from rigidmc.runs.directory import folder as run_directory
         from rigidmc.studies.framework import tasks
 
         facts = run_directory.status(run)
@@ -288,7 +288,7 @@ def consolidate_command(
     allow_code: AllowCode = False,
 ) -> None:
     with report_errors():
-        from rigidmc.results import run_directory
+        from rigidmc.runs.directory import folder as run_directory
         from rigidmc.runs.directory import gather
 
         gather.consolidate(run, output, force, allow_code).close()
@@ -332,7 +332,7 @@ Parts = Annotated[
 
 def merge_command(run: RunArgument, parts: Parts) -> None:
     with report_errors():
-        from rigidmc.results import run_directory
+        from rigidmc.runs.directory import folder as run_directory
         from rigidmc.runs.directory import gather
 
         directory, copied = gather.merge(run, parts)

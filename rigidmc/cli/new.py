@@ -12,10 +12,10 @@ from rigidmc.cli.app import INTERRUPTED, fail
 from rigidmc.cli.options import Force, count_option, gather_options, time_option
 from rigidmc.cli.reporting import refuse_outputs, report_errors
 from rigidmc.errors import OptionError, RigidmcError, SceneError, unknown
+from rigidmc.inputs.amounts import read_count_text
+from rigidmc.inputs.units import as_measured, quantity_text
 from rigidmc.mechanics.solids import SOLIDS
-from rigidmc.scene.amounts import read_count_text
 from rigidmc.scene.units import in_si, size_units
-from rigidmc.units import as_measured, quantity_text
 
 Vector = tuple[float, ...]
 Given = dict[str, Any]  # {option: its text, number or None}

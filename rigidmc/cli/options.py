@@ -10,11 +10,11 @@ import typer
 from rigidmc.cli.app import INVALID, IO, fail
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.errors import NoDevice, OptionError, RigidmcError
-from rigidmc.scene.amounts import read_count_text, read_seconds, words_of
+from rigidmc.inputs.amounts import read_count_text, read_seconds, words_of
+from rigidmc.inputs.units import in_units, units_text
 from rigidmc.scene.library import shipped_names
 from rigidmc.scene.save_times import read_every
 from rigidmc.scene.settings import Angle, Count, Digits, Every, Index, Rate, Run, Time, types
-from rigidmc.units import in_units, units_text
 
 
 def _checked(key: str, read: Callable[[str], Any]) -> Callable[[str], Any]:

@@ -59,7 +59,7 @@ def report_errors(file: str | None = None) -> Iterator[None]:
 
     file : the scene or result of the command, for messages that name no file
     """
-    from rigidmc.progress import announce
+    from rigidmc.processes.progress import announce
 
     named = contextlib.nullcontext() if file is None else in_file(file)
     with _signals() as numbers:
@@ -252,8 +252,8 @@ def write_study(
 def save_picture(figure: "Figure", path: str, force: bool) -> None:
     """Write a picture to a path that was checked before the work. If a file has appeared there
     since, write the picture under another name."""
-    from rigidmc.figures import picture_bytes
     from rigidmc.files.outputs import write_bytes
+    from rigidmc.views.figures import picture_bytes
 
     write_bytes(path, picture_bytes(figure, path), force)
 

@@ -42,9 +42,9 @@ from rigidmc.results.labels import count_text
 if TYPE_CHECKING:
     import xarray as xr
 
-    from rigidmc.results.intervals import Estimate
-    from rigidmc.results.run_directory import RunDirectory
+    from rigidmc.runs.directory.folder import RunDirectory
     from rigidmc.scene.scene import Scene
+    from rigidmc.statistics.intervals import Estimate
 
 Until = Annotated[
     str | None,
@@ -148,7 +148,7 @@ def _until(
 
 def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
     """Print the run, its cost, the drifts of energy and |L|^2, and the flagged members."""
-    from rigidmc.scene.amounts import two_digits
+    from rigidmc.inputs.amounts import two_digits
     from rigidmc.scene.drifts import one_way
 
     cost = dataset.encoding["rigidmc"]

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from rigidmc.results.run_directory import RunDirectory
+    from rigidmc.runs.directory.folder import RunDirectory
     from rigidmc.studies.framework.options import Option
     from rigidmc.studies.framework.study import Study
 
@@ -249,7 +249,7 @@ def compute_study(
     designed : () -> (input of the work, options of the study)
     stored : path of a run directory -> study
     """
-    from rigidmc.progress import say
+    from rigidmc.processes.progress import say
     from rigidmc.studies.framework.members import Members
     from rigidmc.studies.framework.tasks import Tasks
 

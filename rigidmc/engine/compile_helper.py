@@ -17,7 +17,7 @@ from typing import Any
 from rigidmc.engine.compiler.kernels import KernelKey, compile_kernel, is_cacheable
 from rigidmc.engine.kernel.arguments import record_type
 from rigidmc.engine.machine import threads_available
-from rigidmc.files.processes import can_start, start_helper
+from rigidmc.processes.helpers import can_start, start_helper
 
 PATIENCE = 60.0  # [s] for work of 1 to 3 s on two cores
 

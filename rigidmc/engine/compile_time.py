@@ -15,7 +15,7 @@ from typing import Any
 
 from rigidmc.engine.compiler.disk_cache import cache_home
 from rigidmc.files.opening import open_plain
-from rigidmc.progress import say
+from rigidmc.processes.progress import say
 
 log = logging.getLogger("rigidmc")
 compiled: list[str] = []  # labels of the programs this process has compiled

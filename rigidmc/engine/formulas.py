@@ -46,7 +46,7 @@ from rigidmc.physics.effects.sums import (
 )
 from rigidmc.physics.integrators.protocol import step
 from rigidmc.physics.observables.protocol import begin, observed
-from rigidmc.threads import Task, threads_of
+from rigidmc.processes.threads import Task, threads_of
 
 # Elements per call on a thread, at most (a few ms) and at least (0.1 ms).
 MAX_CALL, MIN_CALL = 16384, 512

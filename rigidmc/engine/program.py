@@ -59,7 +59,7 @@ from rigidmc.physics.integrators.protocol import (
     stepping_form,
 )
 from rigidmc.physics.observables.protocol import size
-from rigidmc.threads import Late, is_late
+from rigidmc.processes.threads import Late, is_late
 
 TRACE_ROWS = 7 * (TRACE + 1)  # the states before and after each of TRACE steps
 MARCH = "piswtikkuiii"  # the arguments of `march`, see `KernelKey`

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rigidmc.engine.kernel.arguments import SaveTarget
-from rigidmc.threads import Late, Task, drop, is_late, threads_of
+from rigidmc.processes.threads import Late, Task, drop, is_late, threads_of
 
 # s that a thread waits at most for another one to build or to end a block: hundreds of short
 # operations of NumPy. Side by side, threads would take turns at each operation, which takes three
@@ -112,8 +112,9 @@ def run_blocks(
     call and is raised again.
 
     end : called with a finished job in the thread that moved it
-    keeper : saves the states of stopped blocks. If the work is late, see `rigidmc.threads.ending`,
-        these blocks stay unfinished and nothing is raised; without a keeper, Late is raised
+    keeper : saves the states of stopped blocks. If the work is late, see
+        `rigidmc.processes.threads.ending`, these blocks stay unfinished and nothing is raised;
+        without a keeper, Late is raised
     """
     stop = threading.Event()
 

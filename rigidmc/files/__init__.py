@@ -8,8 +8,8 @@ complete.
 Reading order: `outputs` (partial files, renamed when complete), `opening` (regular files in folders
 that others can write to), `reading` (text, TOML and JSON), `kinds` (what a file is, by its name),
 `tables` (CSV), `netcdf` (results, including zarr stores), `hdf5` and `chunks` (plain reads of many
-shards), `trial` (a helper process opens an untrusted file first), `processes` and `helper_main`
-(start of helpers, and files shared with forks), `locks`, `stores` (objects at a URL), `user_code`
+shards), `trial` (a helper process opens an untrusted file first), `helper_main` (start of
+helpers), `locks`, `stores` (objects at a URL), `user_code`
 (Python files that a user allowed).
 
 Invariants: no file is replaced unless the user requests it; only one thread at a time calls the

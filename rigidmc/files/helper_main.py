@@ -1,5 +1,5 @@
 """Entry point of a helper process: the interpreter runs this file by its path, see
-`rigidmc.files.processes`.
+`rigidmc.processes.helpers`.
 
 Arguments: the module whose `main` to call, then the folders for imports.
 """

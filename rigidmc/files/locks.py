@@ -12,7 +12,7 @@ from typing import IO, Any
 
 from rigidmc.files.opening import open_plain
 from rigidmc.files.outputs import naming_the_path
-from rigidmc.files.processes import let_go
+from rigidmc.processes.helpers import let_go
 
 if sys.platform == "win32":
     import msvcrt

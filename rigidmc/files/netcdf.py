@@ -23,11 +23,11 @@ from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 from rigidmc.errors import FileError
 from rigidmc.files.opening import is_zarr, open_plain, refuse_irregular
 from rigidmc.files.outputs import Path
-from rigidmc.files.processes import unlock_in_fork
 from rigidmc.files.reading import bytes_of, json_of
 from rigidmc.files.stores import local_copy
 from rigidmc.files.trial import refuse_unreadable
-from rigidmc.threads import Task, threads_of
+from rigidmc.processes.helpers import unlock_in_fork
+from rigidmc.processes.threads import Task, threads_of
 
 T = TypeVar("T")
 _opening = threading.Lock()
@@ -42,7 +42,7 @@ def in_netcdf_thread(function: Callable[..., T], *arguments: Any) -> T:
     were dropped or opened during the run.
 
     The main thread hands the call to another thread: a signal then only ends the wait, and the
-    next call waits until this one ends, see `rigidmc.threads`.
+    next call waits until this one ends, see `rigidmc.processes.threads`.
     """
 
     def call() -> T:

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 
 from rigidmc.errors import FileError, NoRoom, OutputExists
 from rigidmc.files.opening import check_suffix, is_zarr, open_plain, refuse_unnamed
-from rigidmc.files.processes import descriptors, let_go
+from rigidmc.processes.helpers import descriptors, let_go
 
 Path = str | os.PathLike[str]
 

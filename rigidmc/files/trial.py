@@ -22,8 +22,8 @@ from rigidmc.errors import FileError
 from rigidmc.files.locks import lock
 from rigidmc.files.opening import data_bytes_at, open_regular, refuse_unnamed
 from rigidmc.files.outputs import Path
-from rigidmc.files.processes import start_helper
 from rigidmc.files.reading import load_mesh
+from rigidmc.processes.helpers import start_helper
 
 if sys.platform != "win32":
     import resource

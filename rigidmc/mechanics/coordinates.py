@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import floats
 from rigidmc.errors import unknown
+from rigidmc.inputs.arrays import floats
 from rigidmc.mechanics.euler_angles import SEQUENCES
 from rigidmc.mechanics.euler_rates import euler_rate_matrix
 from rigidmc.mechanics.rotation import hat

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import broadcast_arguments, check_rows, floats
+from rigidmc.inputs.arrays import broadcast_arguments, check_rows, floats
 from rigidmc.mechanics.euler_angles import LOCKED, PROPER, TEXTBOOK, axes_of, check_sequence
 
 _Floats = NDArray[np.float64]

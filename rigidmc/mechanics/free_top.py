@@ -1,7 +1,7 @@
 """The free top at any time in closed form, for arrays of bodies, TdC (3.35) and Example 3.6.
 
 Arguments of all closed forms broadcast in their leading shapes, and are checked by
-`rigidmc.arrays.broadcast_arguments`.
+`rigidmc.inputs.arrays.broadcast_arguments`.
 """
 
 from typing import Any, NamedTuple
@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import Shape, broadcast_arguments, floats
 from rigidmc.engine.formulas import evaluate
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Shape, broadcast_arguments, floats
 from rigidmc.mechanics.free_orbit import FreeOrbit, FreeOrbitFormula, FreeStateFormula, Phase
 from rigidmc.mechanics.rotation import Attitude, quaternion
 

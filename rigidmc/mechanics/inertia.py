@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import check_rows, floats
-from rigidmc.dual_arrays import DualArray, as_array
 from rigidmc.errors import SceneError
-from rigidmc.labelled import Wanted
+from rigidmc.inputs.arrays import check_rows, floats
+from rigidmc.inputs.labelled import Wanted
 from rigidmc.mechanics.axes_rates import axes_rates
+from rigidmc.physics.dynamics.dual_arrays import DualArray, as_array
 from rigidmc.physics.dynamics.principal_axes import Principal
 
 SLACK = 1e-12  # relative: a flat plate obeys I3 = I1 + I2 only to rounding

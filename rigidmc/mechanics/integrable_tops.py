@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import floats
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import floats
 
 
 def kovalevskaya(

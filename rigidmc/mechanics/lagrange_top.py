@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import Shape, broadcast_arguments, floats
 from rigidmc.engine.formulas import evaluate
+from rigidmc.inputs.arrays import Shape, broadcast_arguments, floats
 from rigidmc.mechanics.free_top import Motion, spread
 from rigidmc.mechanics.lagrange_orbit import (
     LagrangeOrbit,

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dual_arrays import DualArray, square_root
+from rigidmc.physics.dynamics.dual_arrays import DualArray, square_root
 from rigidmc.physics.dynamics.functions import exponential_of, logarithm_of
 
 PARAMETERS = 10

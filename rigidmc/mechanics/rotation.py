@@ -12,9 +12,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import check_rows, floats
 from rigidmc.errors import SceneError, warn
-from rigidmc.labelled import Wanted
+from rigidmc.inputs.arrays import check_rows, floats
+from rigidmc.inputs.labelled import Wanted
+from rigidmc.inputs.units import euler_degrees_note, is_foreign, numbers_in
 from rigidmc.mechanics.euler_angles import (
     TEXTBOOK,
     angles_of_quaternions,
@@ -23,7 +24,6 @@ from rigidmc.mechanics.euler_angles import (
 )
 from rigidmc.physics.dynamics.functions import sincos
 from rigidmc.physics.dynamics.quaternions import multiply
-from rigidmc.units import euler_degrees_note, is_foreign, numbers_in
 
 _EYE = np.eye(3)
 _Floats = NDArray[np.float64]

@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dual_arrays import as_array
 from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.dual_arrays import as_array
 
 Solid = tuple[float, tuple[float, float, float], NDArray[np.float64]]
 _ZERO = (0.0, 0.0, 0.0)

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import elliprd, elliprf, elliprj
 
-from rigidmc.arrays import floats
 from rigidmc.engine.formulas import evaluate
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import floats
 from rigidmc.mechanics.jacobi import JacobiAt
 
 _Floats = NDArray[np.float64]

@@ -7,6 +7,7 @@ import numpy as np
 
 from rigidmc.engine.machine import is_uncompiled
 from rigidmc.errors import PartError, SceneError
+from rigidmc.inputs.amounts import count_text
 from rigidmc.mechanics.inertia import vectors_from, violates_triangle, why_impossible
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import label_effects, name_of
@@ -22,7 +23,6 @@ from rigidmc.physics.observables.protocol import (
     Running,
 )
 from rigidmc.planning.switches import check_switches
-from rigidmc.scene.amounts import count_text
 from rigidmc.scene.derivative_names import END
 from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.model import Model

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.inputs.amounts import count_text
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.dynamics.methods import argument_names
 from rigidmc.physics.effects import EFFECTS
@@ -14,7 +15,6 @@ from rigidmc.physics.effects.bath import Bath
 from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.physics.effects.pivot import MovingPivot
 from rigidmc.physics.effects.protocol import facts, from_numbers, numbers, torque
-from rigidmc.scene.amounts import count_text
 
 Array = NDArray[np.float64]
 SAMPLES = 2000  # times: shorter pulses between them stay unseen

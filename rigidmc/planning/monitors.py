@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dual_arrays import DualArray, plain
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.events import event_record
 from rigidmc.engine.kernel.layout import (
@@ -19,6 +18,7 @@ from rigidmc.engine.kernel.layout import (
     monitor_rows,
 )
 from rigidmc.engine.kernel.layout import map_rows as places_for
+from rigidmc.physics.dynamics.dual_arrays import DualArray, plain
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import (
     OFF,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.inspection import scalar_parts
 from rigidmc.engine.machine import is_uncompiled
+from rigidmc.inputs.units import degrees_note
 from rigidmc.physics.dynamics.methods import arguments, implements
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.bath import Bath
@@ -35,7 +36,6 @@ from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import draw
 from rigidmc.scene.settings import Run, idle
 from rigidmc.scene.vector_distributions import GibbsMomentum
-from rigidmc.units import degrees_note
 
 BOLTZMANN = 1.380649e-23  # J/K
 # Central bodies: G M [m3/s2], distinguished to 2 %, and radius [m]. Source: Archinal et al.,

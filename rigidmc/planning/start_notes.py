@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.inputs.units import degrees_note, euler_degrees_note
 from rigidmc.physics.effects.bath import Bath
 from rigidmc.physics.effects.protocol import torque
 from rigidmc.planning.effect_notes import of_member, scaled_bodies
 from rigidmc.scene.quantities import draw, is_shared, is_variable
 from rigidmc.scene.start import Start
-from rigidmc.units import degrees_note, euler_degrees_note
 
 FEW = 64  # members whose effects and angles are checked
 CURE = 'write unit = "deg", or "30 deg"'

@@ -1,8 +1,9 @@
 """Derivatives of the members at their start by parameters of the scene.
 
 They come from the code that builds the members (`rigidmc.planning.initial.fill_initial`), run on
-arrays with tangents (`rigidmc.dual_arrays`): the quantities that depend on a parameter carry its
-tangent, and the random numbers stay. A member's tangents depend on scene, seed and index alone.
+arrays with tangents (`rigidmc.physics.dynamics.dual_arrays`): the quantities that depend on a
+parameter carry its tangent, and the random numbers stay. A member's tangents depend on scene, seed
+and index alone.
 """
 
 import copy
@@ -13,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dual_arrays import DualArray, TangentsLost, plain, zeros
 from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.dual_arrays import DualArray, TangentsLost, plain, zeros
 from rigidmc.planning.initial import Source, fill_initial, member_ranges
 from rigidmc.scene.body_derivatives import Path
 from rigidmc.scene.derivative_names import seeds_of

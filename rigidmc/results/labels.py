@@ -12,7 +12,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 # planning, which does not import results, imports it from where it is defined
-from rigidmc.scene.amounts import count_text
+from rigidmc.inputs.amounts import count_text
 
 if TYPE_CHECKING:  # commands start without xarray, which takes 0.4 to 0.6 s
     import xarray as xr

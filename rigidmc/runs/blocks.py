@@ -8,11 +8,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dual_arrays import DualArray, plain
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NO_CUTS, NO_SAVE_STEPS, NoiseKeys, StepRange
 from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import Keeper, run_alone, run_blocks
+from rigidmc.physics.dynamics.dual_arrays import DualArray, plain
 from rigidmc.physics.dynamics.so3 import conjugate, multiply
 from rigidmc.planning import monitors
 from rigidmc.planning.closed_form import closed_values
@@ -21,7 +21,7 @@ from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import Array, order_by_steps
 from rigidmc.planning.switches import cut_rows
 from rigidmc.planning.units import UnitScale
-from rigidmc.progress import Progress, Report, reporter
+from rigidmc.processes.progress import Progress, Report, reporter
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.variables import ROTATED
 from rigidmc.runs.end_of_run import add_derivatives_by_end

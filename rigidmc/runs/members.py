@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.arrays import as_plain_arrays
 from rigidmc.engine.kernel.block import ASSESS_INTERVAL
 from rigidmc.errors import SceneError
-from rigidmc.labelled import is_labelled
-from rigidmc.scene.amounts import count_text, read_count
+from rigidmc.inputs.amounts import count_text, read_count
+from rigidmc.inputs.arrays import as_plain_arrays
+from rigidmc.inputs.labelled import is_labelled
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows
 from rigidmc.scene.sampling import rows_to_run

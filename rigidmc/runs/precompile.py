@@ -9,7 +9,7 @@ from rigidmc.engine.compiler.frozen import why_not_cached
 from rigidmc.errors import RigidmcError
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.closed_form import closed_values
-from rigidmc.progress import announce
+from rigidmc.processes.progress import announce
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.user_parts.registry import user_parts_of

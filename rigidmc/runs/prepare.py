@@ -18,6 +18,7 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
 from rigidmc.errors import OptionError, PartError, warn
 from rigidmc.files.outputs import Path
+from rigidmc.inputs.amounts import read_count
 from rigidmc.planning.check import check_scene
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.initial import (
@@ -35,14 +36,13 @@ from rigidmc.planning.saves import FEW_MEMBERS, first_and_last, save_to_plot, se
 from rigidmc.planning.tolerance.choice import Choice
 from rigidmc.planning.tolerance.choose import choose_integrator
 from rigidmc.planning.units import UnitScale, choose_units, scale_scene
-from rigidmc.progress import Progress
+from rigidmc.processes.progress import Progress
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.sinks import Blanks, MemorySink
 from rigidmc.runs.assemble import make_layout, make_program
 from rigidmc.runs.blocks import Sink, compute
 from rigidmc.runs.members import mostly_flagged, range_of_members, select_members, with_settings
 from rigidmc.runs.resources import block_of, check_resources, needs
-from rigidmc.scene.amounts import read_count
 from rigidmc.scene.derivatives import parameters_of_run
 from rigidmc.scene.quantities import Varied
 from rigidmc.scene.recording import make_recording

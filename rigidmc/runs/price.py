@@ -20,6 +20,7 @@ from rigidmc.engine.kernel.layout import LANES
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import NO_DERIVATIVES, NO_SAVES
 from rigidmc.files.outputs import folder_beside
+from rigidmc.inputs.amounts import count_text, two_digits
 from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.protocol import from_numbers, is_random, user_parameters
 from rigidmc.physics.integrators import integrators_for
@@ -32,7 +33,6 @@ from rigidmc.planning.tolerance.costs import Costs
 from rigidmc.planning.tolerance.pilot import pilot
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import DEVICE_BLOCK, WAVE, block_of, in_words, moved_at_once, needs
-from rigidmc.scene.amounts import count_text, two_digits
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start

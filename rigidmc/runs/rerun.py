@@ -13,6 +13,7 @@ from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning, in_
 from rigidmc.files.opening import is_zarr
 from rigidmc.files.outputs import Path, refuse_existing
 from rigidmc.files.stores import is_folder
+from rigidmc.inputs.amounts import count_text, read_count
 from rigidmc.physics.observables import OBSERVABLES, OUTCOMES, outputs, own
 from rigidmc.physics.observables.saving import summaries
 from rigidmc.planning.saves import first_and_last, settle_saves
@@ -23,7 +24,6 @@ from rigidmc.results.variables import METHOD
 from rigidmc.runs.directory.dataset import open_run
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.simulate import simulate
-from rigidmc.scene.amounts import count_text, read_count
 from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.save_times import SaveTimes, read_every

@@ -12,10 +12,10 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.layout import BLOCK, LANES, whole_lanes
 from rigidmc.errors import NoRoom
 from rigidmc.files.outputs import Path
+from rigidmc.inputs.amounts import count_text
 from rigidmc.physics.integrators.rk4 import RK4
 from rigidmc.planning.plan import Plan
 from rigidmc.results.layout import ResultLayout
-from rigidmc.scene.amounts import count_text
 
 SLAB = 32 * 2**20  # bytes of saved values that a block may hold before they go to a file
 # The same on GPUs. A GPU moves 50,000 members at once, limited by registers: a block is ten such

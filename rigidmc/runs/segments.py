@@ -18,10 +18,10 @@ from rigidmc.errors import SceneError
 from rigidmc.planning import monitors
 from rigidmc.planning.initial import Source, initial_block, noise_keys
 from rigidmc.planning.switches import cut_rows
+from rigidmc.processes.threads import Late, Task, end_of_work, threads_of
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.quantities import of_members
 from rigidmc.scene.scene import Scene
-from rigidmc.threads import Late, Task, end_of_work, threads_of
 
 Array = NDArray[np.float64]
 SHARE = 8 * LANES  # members that justify a thread
@@ -68,7 +68,7 @@ class SegmentedRun:
     def moved(self, block: Array, members: NDArray[np.int64], part: int) -> Array:
         """Return a block after a part of the run, from its state before.
 
-        Raises Late if the work must end before that, see `rigidmc.threads.ending`.
+        Raises Late if the work must end before that, see `rigidmc.processes.threads.ending`.
 
         members : the index of each member, which determines its noise
         """

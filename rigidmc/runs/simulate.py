@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import warn
 from rigidmc.files.outputs import refuse_existing
-from rigidmc.progress import Progress, announce
+from rigidmc.inputs.amounts import read_count
+from rigidmc.processes.progress import Progress, announce
 from rigidmc.runs.prepare import prepare
-from rigidmc.scene.amounts import read_count
 from rigidmc.scene.drifts import one_way
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings

@@ -8,7 +8,7 @@ start), `body`, `body_makers`, `body_readers` and `body_changes` (bodies, from f
 others), `inertia_about` (inertias about the centre of mass), `stated` (bodies as scenes state
 them), `shape` (solids that pictures draw), `start` and `start_tables` (conventions of attitudes),
 `settings` (the table [run], which defines keywords and options), `save_times` (its setting
-`every`), `amounts` (1e6, "1h30m"), `units` (the conversion of "10 deg/s" to SI), `validation` (of
+`every`), `units` (the conversion of "10 deg/s" to SI), `validation` (of
 effects and observables), `recording` (saved and monitored variables), `quantities` and
 `distributions` (how members differ), `sampling` (sources of uniform numbers), `parameters`
 (parameters of a scene by name), `varied` (parameters that change between runs of a prepared scene),

@@ -7,11 +7,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import check_quaternion_rows, floats, member_vectors
-from rigidmc.dual_arrays import as_array
 from rigidmc.errors import SceneError, unknown
-from rigidmc.labelled import is_labelled
+from rigidmc.inputs.arrays import check_quaternion_rows, floats, member_vectors
+from rigidmc.inputs.labelled import is_labelled
 from rigidmc.mechanics import inertia, rotation
+from rigidmc.physics.dynamics.dual_arrays import as_array
 from rigidmc.scene.body_changes import BodyChanges
 from rigidmc.scene.inertia_about import ASSUMED_MASS
 from rigidmc.scene.quantities import Source, draw, is_shared, is_variable, quantity, vector

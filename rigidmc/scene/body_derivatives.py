@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dual_arrays import DualArray, as_array, plain
 from rigidmc.mechanics.axes_rates import axes_rates
 from rigidmc.mechanics.inertia import about_point
 from rigidmc.mechanics.solids import COMPONENTS, SOLIDS
+from rigidmc.physics.dynamics.dual_arrays import DualArray, as_array, plain
 from rigidmc.scene.body import IDENTITY, Body
 from rigidmc.scene.quantities import Rate, is_shared
 from rigidmc.scene.reparametrise import own_number, rates_of

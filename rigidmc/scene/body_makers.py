@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, NoReturn, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import as_plain_arrays, floats
 from rigidmc.errors import Renamed, SceneError, nearest, unknown
-from rigidmc.labelled import Wanted
+from rigidmc.inputs.arrays import as_plain_arrays, floats
+from rigidmc.inputs.labelled import Wanted
 from rigidmc.mechanics import inertia, solids
 from rigidmc.mechanics.impossible import causes_text
 from rigidmc.scene import shape

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.dual_arrays import DualArray
 from rigidmc.errors import SceneError, unknown
 from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.mechanics.solids import SOLIDS
+from rigidmc.physics.dynamics.dual_arrays import DualArray
 from rigidmc.physics.dynamics.functions import normal_quantile
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.dynamics.so3 import multiply

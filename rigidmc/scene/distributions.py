@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.arrays import is_number
 from rigidmc.errors import SceneError, unknown
+from rigidmc.inputs.arrays import is_number
+from rigidmc.inputs.units import Measured, common_unit
 from rigidmc.physics.dynamics.functions import normal_quantile
-from rigidmc.units import Measured, common_unit
 
 Array = NDArray[np.float64]
 _NAMES = {"normal": ("mean", "standard_deviation"), "uniform": ("low", "high")}

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
-from rigidmc.scene.amounts import count_text
+from rigidmc.inputs.amounts import count_text
 
 if TYPE_CHECKING:
     import xarray as xr

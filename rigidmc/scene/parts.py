@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 from rigidmc.errors import SceneError, unknown
+from rigidmc.inputs.amounts import words_of
 from rigidmc.physics.dynamics.methods import word_of
 from rigidmc.physics.effects import canonical
 from rigidmc.physics.integrators import INTEGRATORS
@@ -16,7 +17,6 @@ from rigidmc.physics.observables import (
 )
 from rigidmc.physics.observables.histogram import Histogram
 from rigidmc.physics.observables.saving import check_keep
-from rigidmc.scene.amounts import words_of
 from rigidmc.scene.body import Body
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows

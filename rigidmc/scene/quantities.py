@@ -8,14 +8,14 @@ from typing import Any, NamedTuple, Protocol, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.arrays import as_plain_arrays, is_number, split_components
-from rigidmc.dual_arrays import DualArray
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError
+from rigidmc.inputs.amounts import parse_count
+from rigidmc.inputs.arrays import as_plain_arrays, is_number, split_components
+from rigidmc.inputs.units import Measured, common_unit
+from rigidmc.physics.dynamics.dual_arrays import DualArray
 from rigidmc.physics.dynamics.functions import power
-from rigidmc.scene.amounts import parse_count
 from rigidmc.scene.distributions import Distribution
-from rigidmc.units import Measured, common_unit
 
 Array = NDArray[np.float64]
 
@@ -211,7 +211,7 @@ def is_frozen(array: NDArray[Any]) -> bool:
 
 def vector(values: Any, at: str, size: int = 3) -> tuple[Any, ...]:
     """Return a tuple of `size` quantities, from a sequence of them or an array (members, size); see
-    `rigidmc.arrays.split_components`."""
+    `rigidmc.inputs.arrays.split_components`."""
     values = split_components(values, at, size)
     return tuple(quantity(v, at) for v in values)
 

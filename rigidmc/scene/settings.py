@@ -34,11 +34,11 @@ from pydantic import (
 )
 
 from rigidmc.errors import SceneError, from_pydantic
+from rigidmc.inputs.amounts import parse_count, words_of
+from rigidmc.inputs.units import Measured, in_units, rule_with_hint
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.protocol import follows_turns
-from rigidmc.scene.amounts import parse_count, words_of
 from rigidmc.scene.save_times import SaveTimes, parse_every, seconds_of
-from rigidmc.units import Measured, in_units, rule_with_hint
 
 
 def _time(value: Any) -> float:

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import floats
 from rigidmc.errors import SceneError, unknown
 from rigidmc.files.reading import MESHES, sha256_of
+from rigidmc.inputs.arrays import floats
 from rigidmc.mechanics import rotation
 from rigidmc.mechanics.solids import COMPONENTS, SOLIDS
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.arrays import as_plain_arrays, check_quaternion_rows, floats
 from rigidmc.errors import Renamed, SceneError, unknown
-from rigidmc.labelled import Wanted, has_dims, is_labelled, two_ways
+from rigidmc.inputs.arrays import as_plain_arrays, check_quaternion_rows, floats
+from rigidmc.inputs.labelled import Wanted, has_dims, is_labelled, two_ways
 from rigidmc.mechanics.euler_angles import TEXTBOOK, check_sequence, quaternions_of_angles
 from rigidmc.mechanics.rotation import quaternion_from_euler, quaternion_from_matrix
 from rigidmc.scene.quantities import (

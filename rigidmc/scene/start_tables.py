@@ -15,14 +15,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.arrays import as_plain_arrays, floats
 from rigidmc.errors import SceneError, unknown
+from rigidmc.inputs.arrays import as_plain_arrays, floats
+from rigidmc.inputs.units import Measured
 from rigidmc.mechanics.euler_angles import TEXTBOOK, check_sequence
 from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Grid, is_shared, vector
 from rigidmc.scene.units import angles_in_si, in_si
-from rigidmc.units import Measured
 
 UNITS = {"rad": 1.0, "deg": math.pi / 180.0}
 ORDERS = ("wxyz", "xyzw")

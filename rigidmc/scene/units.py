@@ -11,13 +11,8 @@ from typing import Any
 import numpy as np
 
 from rigidmc.errors import SceneError
-from rigidmc.physics.effects import label_effects
-from rigidmc.physics.effects.protocol import Effect, facts, shape
-from rigidmc.physics.observables import OBSERVABLES
-from rigidmc.scene.amounts import parse_seconds
-from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.quantities import Grid
-from rigidmc.units import (
+from rigidmc.inputs.amounts import parse_seconds
+from rigidmc.inputs.units import (
     Measured,
     Unit,
     converter,
@@ -26,6 +21,11 @@ from rigidmc.units import (
     quantity_text,
     units_text,
 )
+from rigidmc.physics.effects import label_effects
+from rigidmc.physics.effects.protocol import Effect, facts, shape
+from rigidmc.physics.observables import OBSERVABLES
+from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.quantities import Grid
 
 # SI units of the quantities of a scene, by the last word of their path
 BODY = {"moments": "kg m2", "tensor": "kg m2", "mass": "kg", "centre": "m", "pivot": "m"}

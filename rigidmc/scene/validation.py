@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.arrays import as_plain_arrays
 from rigidmc.errors import PartError, SceneError, unknown
+from rigidmc.inputs.arrays import as_plain_arrays
+from rigidmc.inputs.units import units_text
 from rigidmc.physics.dynamics.methods import implements, word_of
 from rigidmc.physics.effects import EFFECTS, name_of
 from rigidmc.physics.effects.protocol import Effect, facts, shape
@@ -37,7 +38,6 @@ from rigidmc.scene.user_parts.integrators import known_facts
 from rigidmc.scene.vector_distributions import check_distribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 from rigidmc.scene.vector_distributions.vectors import Correlated, parts_of
-from rigidmc.units import units_text
 
 
 def named_integrators(given: Iterable[Any]) -> dict[str, Integrator]:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.arrays import floats, is_number
 from rigidmc.errors import OptionError, RigidmcError, SceneError, nearest, unknown
-from rigidmc.labelled import COLUMN, Wanted, is_labelled, two_ways
+from rigidmc.inputs.arrays import floats, is_number
+from rigidmc.inputs.labelled import COLUMN, Wanted, is_labelled, two_ways
 from rigidmc.mechanics.euler_angles import ANGLES
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.effects import label_effects

@@ -13,12 +13,9 @@ from numpy.typing import NDArray
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError
-from rigidmc.progress import Progress, announce
-from rigidmc.results.columns import Column, Columns
-from rigidmc.results.estimates import why_no_interval
-from rigidmc.results.intervals import Estimate, half_of_mean, probability
+from rigidmc.inputs.amounts import read_count
+from rigidmc.processes.progress import Progress, announce
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.measures import Measure, measure, save_for_measures
 from rigidmc.results.sinks import (
     Arrays,
     HistogramCounts,
@@ -26,13 +23,16 @@ from rigidmc.results.sinks import (
     WholeSink,
     make_buffer,
 )
-from rigidmc.results.sums import GROUP, Moments, OrderedSums, moments_of_groups
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.blocks import BlockJob, compute
 from rigidmc.runs.prepare import prepare
 from rigidmc.runs.resources import block_of
-from rigidmc.scene.amounts import read_count
 from rigidmc.scene.scene import Scene, takes_scene
+from rigidmc.statistics.columns import Column, Columns
+from rigidmc.statistics.estimates import why_no_interval
+from rigidmc.statistics.intervals import Estimate, half_of_mean, probability
+from rigidmc.statistics.measures import Measure, measure, save_for_measures
+from rigidmc.statistics.sums import GROUP, Moments, OrderedSums, moments_of_groups
 from rigidmc.studies.until import without_saves
 
 MORE = 8  # times the members of a block of a file: runs of 100 steps are 1.8 times as fast
@@ -62,7 +62,7 @@ def simulate_totals(
         a scene, its file, or the name of a shipped scene
     measures : str or iterable of str, optional
         probabilities and means, such as "p(flips >= 1)" and "mean(omega_last[3])"; see
-        `rigidmc.results.measures`
+        `rigidmc.statistics.measures`
     confidence : float, optional
         confidence level of the intervals
     threads : int, optional
@@ -120,7 +120,7 @@ class _Total(NamedTuple):
 
     asked, there : number of selected members, and how many of them have a number
     successes : of a probability, how many numbers are 1
-    groups : of a mean, the Moments of each group of members, see `rigidmc.results.sums`
+    groups : of a mean, the Moments of each group of members, see `rigidmc.statistics.sums`
     """
 
     asked: int = 0

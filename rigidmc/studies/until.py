@@ -12,17 +12,17 @@ import xarray as xr
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
-from rigidmc.results.intervals import Estimate, Interval, mean, probability
+from rigidmc.inputs.amounts import read_count
 from rigidmc.results.labels import count_text
-from rigidmc.results.measures import Measure, Variables, measure, save_for_measures
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.simulate import simulate
-from rigidmc.scene.amounts import read_count
 from rigidmc.scene.quantities import count_rows
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.sampling import is_sample, refuse_indexed
 from rigidmc.scene.scene import Scene, takes_scene
+from rigidmc.statistics.intervals import Estimate, Interval, mean, probability
+from rigidmc.statistics.measures import Measure, Variables, measure, save_for_measures
 
 FIRST = 8192  # members of the first round
 MOST = 10_000_000
@@ -86,7 +86,7 @@ def simulate_until(
     scene : Scene or path_like
         a scene, its file, or the name of a shipped scene
     until : str
-        measure and half-width, such as "p(flips >= 1) +- 0.001"; see `rigidmc.results.measures`
+        measure and half-width, such as "p(flips >= 1) +- 0.001"; see `rigidmc.statistics.measures`
     most : int, optional
         largest number of members
     confidence : float, optional
@@ -284,7 +284,7 @@ def estimate_rqmc(
     scene : Scene or path_like
         a scene, its file, or the name of a shipped scene
     text : str
-        a measure, such as "p(flips >= 1)"; see `rigidmc.results.measures`
+        a measure, such as "p(flips >= 1)"; see `rigidmc.statistics.measures`
     members : int
         members of each randomisation
     randomisations : int, optional

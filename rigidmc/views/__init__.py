@@ -4,7 +4,7 @@ Every view reads a Dataset or a scene and changes neither. Reading order: `acces
 notebooks), `descriptions` (text on scenes and bodies), `new_scene` (a first scene as text),
 `summary` (text on a result), `axes` and `states` (axes of a result, quantities from saved states),
 `attitudes` (Euler angles of any sequence), `sample` (the members and times that pictures read),
-`closed_motion` (states between the saves, where a closed form covers the scene),
+`figures` (palette, and figures as files), `closed_motion` (states between the saves, where a closed form covers the scene),
 `surfaces`, `sphere`, `quadric`, `caps` and `stage` (shapes, densities and what to draw them on),
 `ensemble` and `globes` (pictures of an ensemble), `snapshots`, `closed_forms`, `polhodes`,
 `poinsot`, `tops` and `phase_portraits` (pictures of a few bodies or many), `gibbs`, `animation`,
@@ -22,7 +22,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-from rigidmc.import_hook import Load, on_import
+from rigidmc.processes.import_hook import Load, on_import
 
 # {name of the function: (its module, what it shows)}; modules are imported at first use, because
 # they need matplotlib

@@ -187,7 +187,7 @@ class Rigid(ResultStates):
         ----------
         of : str
             a measure such as "p(flips >= 1)" or "mean(flip_wait | flips >= 2)", see
-            `rigidmc.results.measures`
+            `rigidmc.statistics.measures`
         by : str, optional
             a variable with one value per member; members with equal values form a group
         confidence : float, optional
@@ -217,7 +217,7 @@ class Rigid(ResultStates):
         >>> ds.rigid.measure("mean(flip_first)", by="flips").members.values.tolist()
         [17, 47]
         """
-        from rigidmc.results.estimates import estimate, estimate_by
+        from rigidmc.statistics.estimates import estimate, estimate_by
 
         if by is None:
             return estimate(self._dataset, of, confidence)

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from rigidmc.figures import HALO, INK
+from rigidmc.views.figures import HALO, INK
 
 MINUS = "\N{MINUS SIGN}"
 POINT = 1e-9  # size of curves that are a point, far below the smallest of RIMS

@@ -12,17 +12,6 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import OptionError
-from rigidmc.figures import (
-    GREY,
-    INK,
-    MEDIAN,
-    PATH,
-    add_density,
-    figure_of,
-    line_styles,
-    mark_starts,
-    new_figure,
-)
 from rigidmc.mechanics.free_top import solve_free_top
 from rigidmc.mechanics.lagrange_steady import effective_potential
 from rigidmc.mechanics.lagrange_top import (
@@ -36,6 +25,17 @@ from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.closed_form import NONE, ClosedMotion
 from rigidmc.planning.turns import Drive, turning_rates
 from rigidmc.results.labels import in_symbols, with_units
+from rigidmc.views.figures import (
+    GREY,
+    INK,
+    MEDIAN,
+    PATH,
+    add_density,
+    figure_of,
+    line_styles,
+    mark_starts,
+    new_figure,
+)
 from rigidmc.views.polhodes import draw_polhodes
 from rigidmc.views.quadric import CIRCLE, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import DENSE, FINE, LINES

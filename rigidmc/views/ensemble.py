@@ -17,7 +17,11 @@ from matplotlib.patches import ConnectionPatch
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
-from rigidmc.figures import (
+from rigidmc.physics.observables import OBSERVABLES
+from rigidmc.planning.turns import AXIS, BODY
+from rigidmc.results.frames import in_principal_axes, is_described
+from rigidmc.results.labels import axis_label, count_text, in_symbols, with_units
+from rigidmc.views.figures import (
     BAND,
     CORE,
     INK,
@@ -30,10 +34,6 @@ from rigidmc.figures import (
     line_styles,
     name_powers,
 )
-from rigidmc.physics.observables import OBSERVABLES
-from rigidmc.planning.turns import AXIS, BODY
-from rigidmc.results.frames import in_principal_axes, is_described
-from rigidmc.results.labels import axis_label, count_text, in_symbols, with_units
 from rigidmc.views.globes import axis_density, momentum_density
 from rigidmc.views.polhodes import polhodes
 from rigidmc.views.sample import (

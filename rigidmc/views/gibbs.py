@@ -7,7 +7,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rigidmc.engine.formulas import energies
-from rigidmc.figures import CORE, INK, PATH, new_figure
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects.protocol import is_random, numbers
 from rigidmc.planning.initial import members_at_start
@@ -16,6 +15,7 @@ from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import count_text, value_text
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene, scene_of
+from rigidmc.views.figures import CORE, INK, PATH, new_figure
 
 THEORY = 200_000  # attitudes, uniform on SO(3), weighted to sample the Gibbs distribution
 

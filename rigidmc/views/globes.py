@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from rigidmc.figures import CROWD, GREY, HALO, INK, PATH, add_title, figure_of
 from rigidmc.mechanics.rotation import to_space
 from rigidmc.planning.turns import AXIS, BODY
 from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.views.caps import Cap, cap_around, cap_points, draw_cap, draw_on_cap
 from rigidmc.views.closed_motion import sample_of_motion
+from rigidmc.views.figures import CROWD, GREY, HALO, INK, PATH, add_title, figure_of
 from rigidmc.views.quadric import EYE, Quadric, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import (
     MemberPath,

@@ -8,15 +8,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rigidmc.figures import (
-    INK,
-    LIGHT,
-    add_density,
-    add_title,
-    line_styles,
-    mark_starts,
-    name_powers,
-)
 from rigidmc.mechanics.lagrange_steady import effective_potential
 from rigidmc.mechanics.lagrange_top import analyse_lagrange_top
 from rigidmc.mechanics.rotation import to_body, to_space
@@ -27,6 +18,15 @@ from rigidmc.results.frames import in_principal_axes, principal
 from rigidmc.results.labels import in_symbols, with_units
 from rigidmc.views.attitudes import saved_attitude
 from rigidmc.views.closed_motion import heavy_tops, sample_of_motion, symmetric_about_3
+from rigidmc.views.figures import (
+    INK,
+    LIGHT,
+    add_density,
+    add_title,
+    line_styles,
+    mark_starts,
+    name_powers,
+)
 from rigidmc.views.globes import is_free
 from rigidmc.views.sample import (
     LINES,

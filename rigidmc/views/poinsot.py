@@ -7,7 +7,13 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rigidmc.figures import (
+from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
+from rigidmc.mechanics.rotation import matrix, to_space
+from rigidmc.physics.observables import OBSERVABLES
+from rigidmc.results.frames import in_principal_axes
+from rigidmc.results.labels import with_units
+from rigidmc.views.closed_motion import STATES
+from rigidmc.views.figures import (
     GREY,
     HALO,
     MEDIAN,
@@ -18,12 +24,6 @@ from rigidmc.figures import (
     mark_starts,
     name_powers,
 )
-from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
-from rigidmc.mechanics.rotation import matrix, to_space
-from rigidmc.physics.observables import OBSERVABLES
-from rigidmc.results.frames import in_principal_axes
-from rigidmc.results.labels import with_units
-from rigidmc.views.closed_motion import STATES
 from rigidmc.views.globes import is_free
 from rigidmc.views.polhodes import period_of, polhode_of
 from rigidmc.views.quadric import CIRCLE, Quadric, Vectors, draw_curve, draw_quadric, screen

@@ -12,9 +12,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from rigidmc.arrays import floats
 from rigidmc.errors import OptionError, unknown
-from rigidmc.figures import (
+from rigidmc.inputs.arrays import floats
+from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
+from rigidmc.planning.turns import BODY, MOST
+from rigidmc.results.frames import in_principal_axes
+from rigidmc.results.labels import units_text
+from rigidmc.views.caps import cap_points, draw_cap, draw_on_cap, narrow_cap
+from rigidmc.views.figures import (
     INK,
     LIGHT,
     add_title,
@@ -23,11 +28,6 @@ from rigidmc.figures import (
     mark_starts,
     new_figure,
 )
-from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
-from rigidmc.planning.turns import BODY, MOST
-from rigidmc.results.frames import in_principal_axes
-from rigidmc.results.labels import units_text
-from rigidmc.views.caps import cap_points, draw_cap, draw_on_cap, narrow_cap
 from rigidmc.views.globes import is_free, momentum_density
 from rigidmc.views.quadric import SPHERE, Quadric, Vectors, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import (

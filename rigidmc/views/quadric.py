@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from rigidmc.figures import GREY, HALO, INK, LIGHT
+from rigidmc.views.figures import GREY, HALO, INK, LIGHT
 
 VIEW = np.array([0.80, 0.45, 0.40])  # toward the reader; along an axis a sphere would look flat
 TOWARD = VIEW / np.linalg.norm(VIEW)

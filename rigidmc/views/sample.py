@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.errors import RigidmcError
-from rigidmc.figures import new_figure
 from rigidmc.mechanics.rotation import euler
 from rigidmc.physics.effects import label_effects
 from rigidmc.planning.turns import ATTITUDE, AXIS, BODY, Drive, Sparse, drive, sparse, turning_rates
 from rigidmc.results.frames import described, in_principal_axes, principal
 from rigidmc.results.labels import count_text, in_symbols, value_text
 from rigidmc.scene.scene import scene_of
+from rigidmc.views.figures import new_figure
 
 TIMES = 4000  # most saves to read: a line on a picture cannot show more
 # most members to read: MEMBERS, more up to POINTS vectors, fewer beyond VECTORS

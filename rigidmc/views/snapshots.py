@@ -8,12 +8,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rigidmc.figures import GREY, INK, PATH, add_title, figure_of
 from rigidmc.mechanics.free_top import solve_free_top
 from rigidmc.mechanics.rotation import matrix, to_space
 from rigidmc.planning.turns import ATTITUDE, MOST
 from rigidmc.results.frames import in_principal_axes
 from rigidmc.scene.scene import scene_of
+from rigidmc.views.figures import GREY, INK, PATH, add_title, figure_of
 from rigidmc.views.globes import is_free
 from rigidmc.views.sample import (
     DENSE,

@@ -11,12 +11,12 @@ from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError
 from rigidmc.files.reading import toml
 from rigidmc.physics.observables.saving import is_event_time
-from rigidmc.results import censored, intervals
-from rigidmc.results.estimates import estimate, why_no_interval
 from rigidmc.results.labels import count_text, units_text
-from rigidmc.results.spread import Row, Spread, spreads
 from rigidmc.scene.drifts import LAWS, one_way
 from rigidmc.scene.toml.read import scene_text
+from rigidmc.statistics import censored, intervals
+from rigidmc.statistics.estimates import estimate, why_no_interval
+from rigidmc.statistics.spread import Row, Spread, spreads
 
 QUANTILES = (0.05, 0.5, 0.95)
 # not in the summary
@@ -36,7 +36,7 @@ def summary_text(
 ) -> str:
     """Summarise a result of `rigidmc.simulate` as text.
 
-    of : measures to report instead, such as "p(flips >= 1)", see `rigidmc.results.measures`
+    of : measures to report instead, such as "p(flips >= 1)", see `rigidmc.statistics.measures`
 
     The summary lists the flagged members. For each quantity with one value per member, it shows the
     mean with its confidence interval, the median, the middle 90 %, and the number of members

@@ -15,7 +15,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rigidmc.errors import SceneError
-from rigidmc.figures import add_density, add_title, figure_of, line_styles, mark_starts, name_powers
 from rigidmc.mechanics.lagrange_top import analyse_lagrange_top
 from rigidmc.mechanics.rotation import to_space
 from rigidmc.planning.turns import ATTITUDE, AXIS
@@ -30,6 +29,14 @@ from rigidmc.views.closed_forms import (
     without_mean_rate,
 )
 from rigidmc.views.closed_motion import case_of_result, heavy_tops, symmetric_about_3
+from rigidmc.views.figures import (
+    add_density,
+    add_title,
+    figure_of,
+    line_styles,
+    mark_starts,
+    name_powers,
+)
 from rigidmc.views.globes import axis_density
 from rigidmc.views.quadric import draw_curve, draw_quadric, screen
 from rigidmc.views.sample import (

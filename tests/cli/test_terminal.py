@@ -16,7 +16,7 @@ from rigidmc.cli.reporting import Stream
 from rigidmc.errors import FileError, OptionError, SceneError, terminal_text
 from rigidmc.files.reading import harmless
 from rigidmc.planning.steps import make_time_grid
-from rigidmc.results.measures import measure
+from rigidmc.statistics.measures import measure
 from rigidmc.studies.section.points import crossing_of, period_of
 from tests.faulty import LINUX
 

@@ -10,10 +10,10 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
+from rigidmc.inputs.amounts import read_count, read_count_text, read_seconds
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import KNOWN
-from rigidmc.scene.amounts import read_count, read_count_text, read_seconds
 from rigidmc.scene.library import shipped_names
 from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.settings import Run, idle

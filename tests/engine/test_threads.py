@@ -16,7 +16,7 @@ from rigidmc.engine import threads as blocks
 from rigidmc.engine.kernel.arguments import StepRange
 from rigidmc.physics.integrators import scheme_of
 from rigidmc.physics.integrators.rk4 import RK4
-from rigidmc.threads import Task, Threads
+from rigidmc.processes.threads import Task, Threads
 from tests.engine.kernel.test_kernel import EFFECTS, EVERYTHING, ROWS, tops
 from tests.kernels import program
 

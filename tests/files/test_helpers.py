@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 import rigidmc as rm
-from rigidmc.files import processes, trial
+from rigidmc.files import trial
+from rigidmc.processes import helpers as processes
 from tests.faulty import LINUX
 
 ROOT = Path(rm.__file__).parent
@@ -55,7 +56,7 @@ def test_helpers_are_started_in_one_way():
         for file in ROOT.rglob("*.py")
         if starts.search(file.read_text())
     }
-    assert found == {"files/processes.py"}
+    assert found == {"processes/helpers.py"}
     users = {
         str(file.relative_to(ROOT))[:-3].replace("/", ".")
         for file in ROOT.rglob("*.py")

@@ -4,10 +4,17 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from rigidmc.dual_arrays import DualArray, TangentsLost, as_array, plain_numbers, with_values, zeros
 from rigidmc.mechanics.axes_rates import axes_rates
 from rigidmc.mechanics.inertia import principal_axes
 from rigidmc.physics.dynamics import functions as own
+from rigidmc.physics.dynamics.dual_arrays import (
+    DualArray,
+    TangentsLost,
+    as_array,
+    plain_numbers,
+    with_values,
+    zeros,
+)
 from rigidmc.physics.dynamics.vectors import nearest_integer
 
 X = np.array([0.31, 0.77, -0.52])

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.dual_arrays import zeros
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.dual_arrays import zeros
 from rigidmc.planning.initial import block_rows, initial_block, rows_to_fill
 from rigidmc.planning.tangents import build_with_tangents, tangents_at_start, tangents_of_members
 from rigidmc.planning.units import scale_scene, unit_factor

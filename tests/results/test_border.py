@@ -22,11 +22,11 @@ from rigidmc.errors import FileError, SceneError, SceneWarning
 from rigidmc.files.outputs import PartialFile
 from rigidmc.files.reading import DEPTH, toml
 from rigidmc.files.trial import refuse_unreadable
-from rigidmc.results import run_directory
-from rigidmc.results.run_directory import RunDirectory
-from rigidmc.results.run_facts import facts_text
+from rigidmc.runs.directory import folder as run_directory
 from rigidmc.runs.directory import resume
 from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.facts import facts_text
+from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.studies.stress.hard_cases import load_bounds
 from tests import hostile
 

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import FileError
-from rigidmc.results.run_facts import FORMAT, facts_text
+from rigidmc.runs.directory.facts import FORMAT, facts_text
 
 FOLDER = Path(__file__).parent / "first_version"
 

@@ -8,8 +8,8 @@ import pytest
 import rigidmc as rm
 from rigidmc.engine.compiler.contents import UNKNOWN, changes, contents_of
 from rigidmc.errors import FileError, PartError
-from rigidmc.results.run_facts import facts_text
 from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.facts import facts_text
 from rigidmc.runs.directory.load import scene_of_run
 
 MINE = """

@@ -11,11 +11,11 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.engine import program
-from rigidmc.results.checkpoint import read_checkpoint, write_checkpoint
-from rigidmc.results.run_directory import RunDirectory
 from rigidmc.runs.directory import checkpoints, resume, shards
+from rigidmc.runs.directory.checkpoint_file import read_checkpoint, write_checkpoint
 from rigidmc.runs.directory.checkpoints import Checkpoints
 from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.directory.shards import ShardSink
 from tests.runs.test_resume import HISTOGRAM, SCENE, SIZE, changed
 from tests.torture import sums

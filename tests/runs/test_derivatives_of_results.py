@@ -10,11 +10,11 @@ import pytest
 import xarray as xr
 
 import rigidmc as rm
-from rigidmc.dual_arrays import DualArray, plain
 from rigidmc.engine.compiler.kernels import config
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.program import Program
 from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.dual_arrays import DualArray, plain
 from rigidmc.physics.observables import Megno
 from rigidmc.physics.observables.saving import outputs_with_derivatives
 from rigidmc.planning import monitors

@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from rigidmc.cli import app
 from rigidmc.engine import program, threads
-from rigidmc.results import run_directory
 from rigidmc.runs import price, segments
+from rigidmc.runs.directory import folder as run_directory
 from rigidmc.runs.directory import tasks
 from tests.runs.test_resume import SCENE
 from tests.torture import sums

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import FileError, OutputExists
-from rigidmc.results.run_directory import RunDirectory
 from rigidmc.runs.directory import gather, resume
 from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.price import price
 from tests.runs.test_resume import SCENE
 from tests.torture import sums

@@ -28,12 +28,12 @@ from rigidmc.errors import FileError, NoRoom, OptionError, OutputExists, SceneWa
 from rigidmc.files.locks import lock
 from rigidmc.files.netcdf import read
 from rigidmc.files.outputs import PartialFile, content_of
-from rigidmc.results import run_directory
-from rigidmc.results.run_directory import RunDirectory
-from rigidmc.results.run_facts import facts_text
 from rigidmc.runs.directory import cluster, gather, resume
+from rigidmc.runs.directory import folder as run_directory
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.dataset import open_run
+from rigidmc.runs.directory.facts import facts_text
+from rigidmc.runs.directory.folder import RunDirectory
 from tests import torture
 from tests.faulty import LINUX
 from tests.torture import ALONE_COMMAND, COMMAND, sums
@@ -230,7 +230,7 @@ import rigidmc as rm
 from rigidmc.runs.directory import gather, resume
 from rigidmc.runs.directory.create import create
 from rigidmc.scene.scene import Scene
-from rigidmc.results import run_directory
+from rigidmc.runs.directory import folder as run_directory
 folder, run = sys.argv[1], dict(members=60000, t_end=1.0, every=0.5, save=("omega",))
 scene = Scene.load("tennis_racket").with_run(**run)
 for i in range(60):

@@ -6,9 +6,9 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
-from rigidmc.results.run_directory import RunDirectory
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.dataset import open_run
+from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.directory.resume import resume
 
 TIMES = (0.05, 0.3, 0.31, 1.2)

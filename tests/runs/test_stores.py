@@ -22,11 +22,11 @@ from rigidmc.cli import app
 from rigidmc.errors import FileError, OutputExists
 from rigidmc.files import stores
 from rigidmc.files.outputs import content_of
-from rigidmc.results import run_directory
-from rigidmc.results.run_directory import FILES, RunDirectory
-from rigidmc.results.run_facts import facts_text
 from rigidmc.runs.directory import cluster, gather, resume
+from rigidmc.runs.directory import folder as run_directory
 from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.facts import facts_text
+from rigidmc.runs.directory.folder import FILES, RunDirectory
 from tests.runs import test_resume
 from tests.torture import sums
 

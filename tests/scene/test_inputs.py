@@ -12,7 +12,7 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
-from rigidmc.arrays import as_plain_arrays, floats
+from rigidmc.inputs.arrays import as_plain_arrays, floats
 from rigidmc.mechanics import coordinates, inertia, rotation, textbook
 from rigidmc.views.polhodes import draw_polhodes
 

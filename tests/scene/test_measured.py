@@ -13,12 +13,12 @@ from scipy import constants
 
 import rigidmc as rm
 from rigidmc.errors import OptionError, SceneError
+from rigidmc.inputs.units import KNOWN, Measured, converter, quantity_text, unit_of, units_text
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import effect, facts
 from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.units import squared, units_of
 from rigidmc.scene.varied import with_values
-from rigidmc.units import KNOWN, Measured, converter, quantity_text, unit_of, units_text
 from tests.random_scenes import kinds, scene
 
 BODY = "body.moments = [1.0, 2.0, 2.5]\n"

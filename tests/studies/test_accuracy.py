@@ -8,14 +8,14 @@ import pytest
 from matplotlib.colors import to_rgb
 
 import rigidmc as rm
-from rigidmc.figures import STYLES
+from rigidmc.inputs.amounts import two_digits
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.tolerance.deviation import drift_along, errors
 from rigidmc.planning.tolerance.pilot import integrate_pilot, pilot
 from rigidmc.planning.tolerance.truth import make_reference
-from rigidmc.scene.amounts import two_digits
 from rigidmc.studies.accuracy import drift, picture
 from rigidmc.studies.accuracy import work_precision as accuracy
+from rigidmc.views.figures import STYLES
 from tests.axes import faults
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import FileError, OptionError
-from rigidmc.results.run_directory import CHOSEN, RunDirectory, status
 from rigidmc.runs.directory import resume
+from rigidmc.runs.directory.folder import CHOSEN, RunDirectory, status
 from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.pixels import Pixels
 from rigidmc.studies.stability_map.question import make_request, with_borders

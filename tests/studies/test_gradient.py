@@ -14,9 +14,9 @@ from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.observables import saveable_names
 from rigidmc.physics.observables.protocol import observable
 from rigidmc.physics.observables.saving import is_event_time
-from rigidmc.results.intervals import probability
 from rigidmc.results.variables import member_derivatives, saved_variables, variables_of
 from rigidmc.scene.recording import make_recording
+from rigidmc.statistics.intervals import probability
 from rigidmc.studies import load_study
 from rigidmc.studies.gradient.estimators import growth_of, of_mean, of_quantile, of_score
 from rigidmc.studies.gradient.scores import scores_of, scores_of_scene

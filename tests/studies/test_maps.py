@@ -15,10 +15,10 @@ from rigidmc.cli import app
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.free_top import analyse_free_top
 from rigidmc.physics.observables import Flips
-from rigidmc.results.intervals import probability
-from rigidmc.results.measures import measure
 from rigidmc.results.variables import Variable
 from rigidmc.scene.parameters import parameter_names, with_parameter
+from rigidmc.statistics.intervals import probability
+from rigidmc.statistics.measures import measure
 from rigidmc.studies.stability_map import cases
 from rigidmc.studies.stability_map.case import _FILES, MAPS, case_map
 from rigidmc.studies.stability_map.picture import stability_map

@@ -11,10 +11,10 @@ import rigidmc as rm
 from bench.coverage import FIRST, GROUP, LINEAR, TOTAL, ishigami, shares
 from rigidmc.errors import OptionError
 from rigidmc.planning.initial import uncertain_numbers
-from rigidmc.results.intervals import resolution
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
 from rigidmc.scene.sampling import Saltelli
+from rigidmc.statistics.intervals import resolution
 from rigidmc.studies.sensitivity.bounds import poincare_constant
 from rigidmc.studies.sensitivity.picture import sensitivity_bars
 from rigidmc.studies.sensitivity.study import indices, table
@@ -39,7 +39,7 @@ def test_indices_are_those_of_scipy():
 
 
 def test_intervals_cover():
-    """Of 1,000 studies, each of six intervals: 93 to 97 %; `tests/results/test_intervals.py` has
+    """Of 1,000 studies, each of six intervals: 93 to 97 %; `tests/statistics/test_intervals.py` has
     more of them."""
     found = shares("Sobol indices, Ishigami, 1,024 families")
     assert (found >= 0.93).all() and (found <= 0.97).all()  # measured 0.936 to 0.955

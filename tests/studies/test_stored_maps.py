@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import FileError, OptionError
-from rigidmc.results.run_directory import RunDirectory
-from rigidmc.results.run_facts import facts_text, read_facts
 from rigidmc.runs.directory import resume
+from rigidmc.runs.directory.facts import facts_text, read_facts
+from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.question import make_request, read_stored_request
 from rigidmc.studies.stability_map.stored import (

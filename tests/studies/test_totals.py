@@ -5,7 +5,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.errors import OptionError
-from rigidmc.results.estimates import estimate
+from rigidmc.statistics.estimates import estimate
 from rigidmc.studies import totals
 
 HISTOGRAM = rm.Histogram("omega[1]", -0.2, 0.2, 8)

@@ -9,8 +9,8 @@ from matplotlib.colors import to_rgb, to_rgba
 
 import rigidmc as rm
 from rigidmc.errors import OptionError
-from rigidmc.figures import AXES, PATH
 from rigidmc.views import animation
+from rigidmc.views.figures import AXES, PATH
 from rigidmc.views.quadric import screen
 
 

@@ -8,9 +8,9 @@ from IPython.core.formatters import DisplayFormatter
 from matplotlib.figure import Figure
 
 import rigidmc as rm
-from rigidmc import progress
-from rigidmc.figures import new_figure
+from rigidmc.processes import progress
 from rigidmc.views.accessor import body_html, scene_html
+from rigidmc.views.figures import new_figure
 
 
 def test_a_scene_tells_body_start_effects_with_price_and_settings():

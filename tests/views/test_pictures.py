@@ -15,10 +15,10 @@ from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
 from rigidmc import views
-from rigidmc.figures import save
 from rigidmc.studies.stability_map import picture as maps
 from rigidmc.views import PICTURES, ensemble, globes, sphere
 from rigidmc.views.descriptions import describe_body
+from rigidmc.views.figures import save
 from rigidmc.views.quadric import EYE, TOWARD, Quadric, screen
 from rigidmc.views.sample import DRAWN, MEMBERS, TIMES, omega_or_momentum, thin_result
 from tests.axes import faults

@@ -7,9 +7,9 @@ pytest.importorskip("matplotlib")
 
 import rigidmc as rm
 from rigidmc.errors import RigidmcError
-from rigidmc.figures import new_figure
 from rigidmc.views import PICTURES
 from rigidmc.views.caps import narrow_cap
+from rigidmc.views.figures import new_figure
 from rigidmc.views.quadric import Quadric
 from rigidmc.views.sphere import curves_at_energy
 from tests.axes import faults

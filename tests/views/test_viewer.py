@@ -11,10 +11,10 @@ import pytest
 from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc import figures
 from rigidmc.cli import app
 from rigidmc.errors import OptionError, OutputExists
 from rigidmc.runs.frames import frames
+from rigidmc.views import figures
 from rigidmc.views.viewer.data import short, sphere_density
 from rigidmc.views.viewer.page import view
 

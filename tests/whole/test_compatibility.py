@@ -4,8 +4,8 @@ import re
 import tomllib
 from pathlib import Path
 
-from rigidmc.results.run_facts import FORMAT
 from rigidmc.results.variables import NEWER
+from rigidmc.runs.directory.facts import FORMAT
 from rigidmc.version import VERSION
 
 ROOT = Path(__file__).parents[2]

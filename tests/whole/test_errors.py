@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import in_file, unknown
-from rigidmc.scene.amounts import parse_count, parse_seconds
+from rigidmc.inputs.amounts import parse_count, parse_seconds
 
 PACKAGE = Path(rm.__file__).parent
 

@@ -7,6 +7,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.errors import nearest
+from rigidmc.inputs.synonyms import NAMES
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.integrators import INTEGRATORS
@@ -18,7 +19,6 @@ from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import _value
 from rigidmc.scene.varied import variable_names
 from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
-from rigidmc.synonyms import NAMES
 from rigidmc.views import PICTURES
 
 BODY = rm.Body.from_moments((1.0, 2.0, 2.5))

@@ -10,7 +10,7 @@ import hashlib
 import os
 import re
 
-from rigidmc.files.processes import PACKAGE
+from rigidmc.processes.helpers import PACKAGE
 
 _IMPORT = re.compile(
     rb"^[ \t]*(?:from[ \t]+(rigidmc[\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)"

@@ -33,8 +33,8 @@ from numba.core.registry import CPUDispatcher
 
 from rigidmc.engine.compiler.numba_extensions import overloads
 from rigidmc.engine.compiler.source_stamps import source_stamp
-from rigidmc.files.processes import PACKAGE
 from rigidmc.physics.dynamics.methods import METHODS
+from rigidmc.processes.helpers import PACKAGE
 
 LIBRARIES = {"builtins", "math", "numpy", "rigidmc"}
 _PLAIN = bool, int, str, type(None)

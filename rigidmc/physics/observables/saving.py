@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dual_arrays import DualArray, has_tangents, plain
 from rigidmc.errors import SceneError, unknown
+from rigidmc.physics.dynamics.dual_arrays import DualArray, has_tangents, plain
 from rigidmc.physics.observables import (
     OBSERVABLES,
     OUTCOMES,

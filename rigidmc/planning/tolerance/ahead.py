@@ -10,8 +10,8 @@ import time
 from collections.abc import Sequence
 
 from rigidmc.errors import SceneError
-from rigidmc.files.processes import start_helper
 from rigidmc.planning.tolerance.pilot import Pilot, first_steps, integrate_pilot, part_of, pilot
+from rigidmc.processes.helpers import start_helper
 from rigidmc.scene.scene import Scene
 
 Precision = tuple[str, str]  # integrator and dtype

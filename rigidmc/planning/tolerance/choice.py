@@ -2,8 +2,8 @@
 
 from typing import Any, NamedTuple
 
+from rigidmc.inputs.amounts import count_text
 from rigidmc.planning.tolerance.costs import Candidate
-from rigidmc.scene.amounts import count_text
 
 SURE = 299  # members that state something about 99 % of all members with 95 % certainty
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
+from rigidmc.inputs.amounts import count_text
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import name_of
 from rigidmc.physics.effects.protocol import is_random
@@ -35,8 +36,7 @@ from rigidmc.planning.tolerance.truth import (
     integrate_reference,
     make_reference,
 )
-from rigidmc.progress import say
-from rigidmc.scene.amounts import count_text
+from rigidmc.processes.progress import say
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.validation import named_integrators

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rigidmc.inputs.amounts import count_text
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.tolerance.deviation import errors
 from rigidmc.planning.tolerance.pilot import Pilot, first_steps, integrate_pilot, part_of
-from rigidmc.scene.amounts import count_text
 
 FREE = 4e8  # evaluations of any search: 1 to 3 s on two cores
 # Evaluations of a search and of its check, for each member of their pilots, in runs by rk8 with the

@@ -29,12 +29,12 @@ from rigidmc.planning.plan import driving_effects
 from rigidmc.planning.scheme import make_scheme
 from rigidmc.planning.steps import Array, Clock, count_member_steps, rate_bounds, round_grid
 from rigidmc.planning.switches import cut_rows
+from rigidmc.processes.threads import Task, threads_of
 from rigidmc.scene.quantities import count_rows, is_shared
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.save_times import settled
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import Run
-from rigidmc.threads import Task, threads_of
 
 CHECKPOINTS = 8  # times at which states are compared, evenly spaced among the scene's saves
 ROUNDING = 1.1e-16

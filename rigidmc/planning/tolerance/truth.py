@@ -9,6 +9,7 @@ import numpy as np
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
+from rigidmc.inputs.amounts import count_text
 from rigidmc.physics.integrators import integrators_for
 from rigidmc.planning.closed_form import ClosedMotion, closed_form
 from rigidmc.planning.steps import Array
@@ -23,7 +24,6 @@ from rigidmc.planning.tolerance.pilot import (
     part_of,
     perturb,
 )
-from rigidmc.scene.amounts import count_text
 
 AGREED = 1e-12  # two methods that agree to this are accepted as a reference
 

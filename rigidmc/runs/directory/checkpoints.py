@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.machine import this_machine
-from rigidmc.results.checkpoint import read_checkpoint, write_checkpoint
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.run_directory import RunDirectory
 from rigidmc.results.sinks import MemorySink
 from rigidmc.runs.blocks import BlockJob
+from rigidmc.runs.directory.checkpoint_file import read_checkpoint, write_checkpoint
+from rigidmc.runs.directory.folder import RunDirectory
 
 EVERY = 20.0  # seconds between two checkpoints of a block or of a shard
 COSTS = 20.0  # least time of the run between checkpoints, in units of a checkpoint's own time

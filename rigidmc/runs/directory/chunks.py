@@ -19,8 +19,8 @@ from rigidmc.errors import FileError
 from rigidmc.files.chunks import Part, read_parts
 from rigidmc.files.netcdf import read
 from rigidmc.files.stores import absolute
-from rigidmc.results.run_directory import RunDirectory, flagged_count
 from rigidmc.results.variables import NEWER, Variable
+from rigidmc.runs.directory.folder import RunDirectory, flagged_count
 
 GROWING = ("member", "flagged")  # the dimensions that grow with the shards
 GROUP = 2**24  # bytes of the largest variable in a group of shards

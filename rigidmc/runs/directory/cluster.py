@@ -37,8 +37,8 @@ from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError, RigidmcError
 from rigidmc.files.outputs import content_of, write_bytes
 from rigidmc.files.stores import Store, absolute, is_url
-from rigidmc.progress import Progress, reporter
-from rigidmc.results.run_directory import FILES, RunDirectory
+from rigidmc.processes.progress import Progress, reporter
+from rigidmc.runs.directory.folder import FILES, RunDirectory
 from rigidmc.runs.directory.load import block_of_run, check_versions, load_run
 from rigidmc.runs.directory.shards import Numbers, compute_shards
 

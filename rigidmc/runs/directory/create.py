@@ -30,12 +30,13 @@ from rigidmc.files.outputs import (
 )
 from rigidmc.files.stores import Store, is_url
 from rigidmc.files.user_code import sources_of
+from rigidmc.inputs.amounts import read_seconds
 from rigidmc.planning.initial import block_rows, initial_block, make_sampler
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.run_directory import CHOSEN, RunDirectory, hash_of_file
-from rigidmc.results.run_facts import FORMAT, MOST, facts_text, hash_of, selection_facts
 from rigidmc.results.sinks import Arrays
 from rigidmc.results.writer import write_columns
+from rigidmc.runs.directory.facts import FORMAT, MOST, facts_text, hash_of, selection_facts
+from rigidmc.runs.directory.folder import CHOSEN, RunDirectory, hash_of_file
 from rigidmc.runs.directory.load import growth_methods, scene_in
 from rigidmc.runs.directory.shards import (
     SHARD,
@@ -46,7 +47,6 @@ from rigidmc.runs.directory.shards import (
 )
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import block_in, check_resources, needs
-from rigidmc.scene.amounts import read_seconds
 from rigidmc.scene.quantities import count_rows
 from rigidmc.scene.sampling import drawn_through
 from rigidmc.scene.scene import Scene

@@ -11,18 +11,18 @@ from rigidmc.errors import FileError, SceneWarning, in_file
 from rigidmc.files.netcdf import open_undecoded
 from rigidmc.files.outputs import Path
 from rigidmc.files.stores import absolute, local_copy
+from rigidmc.inputs.amounts import count_text
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.reader import check_result
-from rigidmc.results.run_directory import RunDirectory
 from rigidmc.results.variables import METHOD, Variable
 from rigidmc.runs.directory.chunks import GROWING, ShardChunks
+from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.directory.load import (
     load_run,
     method_of_growth,
     scene_of_run,
     text_of_run,
 )
-from rigidmc.scene.amounts import count_text
 
 
 def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:

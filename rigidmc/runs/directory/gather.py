@@ -22,18 +22,18 @@ from rigidmc.files.outputs import (
     write_bytes,
 )
 from rigidmc.files.stores import is_url, local_copy
+from rigidmc.inputs.amounts import count_text, read_count
 from rigidmc.planning.saves import first_and_last
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.run_directory import CHOSEN, RunDirectory, flagged_count
 from rigidmc.results.sinks import Arrays, concat_flagged
 from rigidmc.results.variables import NEWER
 from rigidmc.results.writer import Writer
 from rigidmc.runs.directory.create import is_free, new_directory, place_of, refuse_unusable
+from rigidmc.runs.directory.folder import CHOSEN, RunDirectory, flagged_count
 from rigidmc.runs.directory.load import block_of_run, load_run, scene_of_run
 from rigidmc.runs.directory.shards import fault_of
 from rigidmc.runs.resources import check_resources, needs
 from rigidmc.runs.simulate import simulate
-from rigidmc.scene.amounts import count_text, read_count
 from rigidmc.scene.scene import Scene
 
 

@@ -16,8 +16,8 @@ from rigidmc.files.opening import open_plain
 from rigidmc.files.reading import text_of, toml
 from rigidmc.physics.observables import WATCHED
 from rigidmc.physics.observables.protocol import Growth
-from rigidmc.results.run_directory import RunDirectory, hash_of_file
-from rigidmc.results.run_facts import hash_of
+from rigidmc.runs.directory.facts import hash_of
+from rigidmc.runs.directory.folder import RunDirectory, hash_of_file
 from rigidmc.runs.prepare import PreparedRun, contents_of_parts, prepare_scene
 from rigidmc.runs.resources import block_of_shard
 from rigidmc.scene.recording import make_recording

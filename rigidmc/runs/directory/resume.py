@@ -11,11 +11,13 @@ from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path, make_durable, write_bytes
-from rigidmc.progress import Progress, announce
-from rigidmc.results.run_directory import CHOSEN, RunDirectory
-from rigidmc.results.run_facts import facts_text, selection_facts
+from rigidmc.inputs.amounts import count_text, read_count, read_seconds
+from rigidmc.processes.progress import Progress, announce
+from rigidmc.processes.threads import Late, ending
 from rigidmc.runs.directory.cluster import compute_on, parse_cluster
 from rigidmc.runs.directory.create import refuse_many, refuse_shards_beyond
+from rigidmc.runs.directory.facts import facts_text, selection_facts
+from rigidmc.runs.directory.folder import CHOSEN, RunDirectory
 from rigidmc.runs.directory.load import (
     block_of_run,
     check_versions,
@@ -26,9 +28,7 @@ from rigidmc.runs.directory.load import (
 from rigidmc.runs.directory.shards import compute_shards, memory_of_shards
 from rigidmc.runs.prepare import PreparedRun
 from rigidmc.runs.resources import check_resources, needs
-from rigidmc.scene.amounts import count_text, read_count, read_seconds
 from rigidmc.scene.quantities import count_rows
-from rigidmc.threads import Late, ending
 
 
 def resume(

@@ -15,17 +15,17 @@ from rigidmc.engine.kernel.layout import BLOCK, LANES
 from rigidmc.errors import FileError, RigidmcError
 from rigidmc.files.netcdf import read
 from rigidmc.files.stores import local_copy
-from rigidmc.progress import Progress, say
+from rigidmc.processes.progress import Progress, say
+from rigidmc.processes.threads import Task, Threads, drop, ending, is_late
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.run_directory import RunDirectory, flagged_count, is_damaged
 from rigidmc.results.sinks import Arrays, MemorySink, Place, make_buffer
 from rigidmc.results.writer import Writer
 from rigidmc.runs.blocks import BlockJob, compute
 from rigidmc.runs.directory.checkpoints import Checkpoints
+from rigidmc.runs.directory.folder import RunDirectory, flagged_count, is_damaged
 from rigidmc.runs.prepare import PreparedRun
 from rigidmc.runs.price import cost_per_step
 from rigidmc.runs.resources import SLAB, WAVE, members_within
-from rigidmc.threads import Task, Threads, drop, ending, is_late
 
 SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
 TIME = 120.0  # seconds of one thread for a shard

@@ -17,18 +17,18 @@ from rigidmc.errors import FileError
 from rigidmc.files.netcdf import read
 from rigidmc.files.outputs import Path
 from rigidmc.files.reading import json_of
-from rigidmc.progress import Progress, reporter
-from rigidmc.results.run_directory import RunDirectory
+from rigidmc.inputs.amounts import read_count, read_seconds
+from rigidmc.processes.progress import Progress, reporter
+from rigidmc.processes.threads import Late, ending, is_late
 from rigidmc.results.writer import write_columns
 from rigidmc.runs.directory.cluster import Work, compute_on, parse_cluster
 from rigidmc.runs.directory.create import MemberSelection, free_place, refuse_many, write_run_files
+from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.directory.load import STUDY, check_versions
 from rigidmc.runs.directory.resume import keep_journal, missing_of
 from rigidmc.runs.directory.shards import Numbers
 from rigidmc.runs.prepare import prepare_scene
-from rigidmc.scene.amounts import read_count, read_seconds
 from rigidmc.scene.scene import Scene
-from rigidmc.threads import Late, ending, is_late
 
 Request = Mapping[str, Any]  # the request of a study, as in JSON
 TaskArrays = dict[str, NDArray[Any]]  # the results of a task

@@ -3,7 +3,7 @@
 import re
 
 from rigidmc.errors import FileError
-from rigidmc.units import unit_of
+from rigidmc.inputs.units import unit_of
 
 Unit = float
 MASS, LENGTH, INERTIA = "mass", "length", "inertia"

@@ -15,13 +15,14 @@ from rigidmc.errors import FileError, PartError, SceneError, unknown
 from rigidmc.files.opening import is_zarr
 from rigidmc.files.reading import toml
 from rigidmc.files.user_code import class_named, source_of
+from rigidmc.inputs.amounts import count_text
+from rigidmc.inputs.units import list_text
 from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import Effect, user_parameters
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import WATCHED, WITH_TABLE
-from rigidmc.scene.amounts import count_text
 from rigidmc.scene.settings import Run, Table, check_table, with_changes
 from rigidmc.scene.start import Start
 from rigidmc.scene.start_tables import WORDS, has_convention, is_start_table
@@ -33,7 +34,6 @@ from rigidmc.scene.toml.values import (
     read_quantity,
 )
 from rigidmc.scene.user_parts.registry import Classes, Code, load_user_class, make_stand_in
-from rigidmc.units import list_text
 
 if TYPE_CHECKING:
     import xarray as xr

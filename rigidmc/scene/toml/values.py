@@ -15,6 +15,7 @@ from rigidmc.errors import (
     unknown,
 )
 from rigidmc.files.user_code import source_of
+from rigidmc.inputs.units import Measured, unit_named, unit_of
 from rigidmc.physics.dynamics.methods import word_of
 from rigidmc.scene.distributions import Distribution, distribution, is_distribution, mixture
 from rigidmc.scene.quantities import Grid, grid
@@ -33,7 +34,6 @@ from rigidmc.scene.vector_distributions import (
 )
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 from rigidmc.scene.vector_distributions.vectors import whole_of
-from rigidmc.units import Measured, unit_named, unit_of
 
 
 class DataSources(NamedTuple):

@@ -10,6 +10,7 @@ import numpy as np
 
 from rigidmc.engine.compiler.uncompilable import cause_of
 from rigidmc.errors import PartError, SceneError, hint_of, nearest
+from rigidmc.inputs.units import rule_with_hint, unit_of
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.dynamics.methods import Method, implements
 from rigidmc.physics.dynamics.so3 import exponential, multiply
@@ -32,7 +33,6 @@ from rigidmc.physics.effects.protocol import (
     torque,
     torque_rate,
 )
-from rigidmc.units import rule_with_hint, unit_of
 
 _ACTS = "torque", "kick", "add_noise"  # an effect has one of these
 _VECTORS, _SCALARS = (torque, kick, add_noise, slip, torque_rate), (energy, energy_scale)

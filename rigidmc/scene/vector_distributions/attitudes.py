@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.dual_arrays import DualArray, with_partials
 from rigidmc.mechanics.rotation import product, quaternion, quaternion_from_euler
+from rigidmc.physics.dynamics.dual_arrays import DualArray, with_partials
 from rigidmc.physics.dynamics.functions import (
     arcsine,
     cosine,

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.dual_arrays import as_array, has_tangents, plain_numbers, with_values
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.impossible import causes_text
 from rigidmc.mechanics.inertia import elements, symmetric
 from rigidmc.mechanics.log_cholesky import cholesky_factor, numbers_of, parameters_of, rates_of
+from rigidmc.physics.dynamics.dual_arrays import as_array, has_tangents, plain_numbers, with_values
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Source, draw, is_shared
 from rigidmc.scene.vector_distributions.protocol import (

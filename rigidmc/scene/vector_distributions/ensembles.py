@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.dual_arrays import as_array
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import vectors_into
+from rigidmc.physics.dynamics.dual_arrays import as_array
 from rigidmc.physics.dynamics.functions import exponential_of
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Source, draw, is_seed

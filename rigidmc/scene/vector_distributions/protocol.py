@@ -9,9 +9,9 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.arrays import as_plain_arrays, floats
 from rigidmc.errors import PartError, RigidmcError, SceneError
-from rigidmc.labelled import Wanted
+from rigidmc.inputs.arrays import as_plain_arrays, floats
+from rigidmc.inputs.labelled import Wanted
 from rigidmc.physics.dynamics.methods import implements, word_of
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Source, quantity

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.arrays import floats
 from rigidmc.errors import SceneError
-from rigidmc.labelled import Wanted
+from rigidmc.inputs.arrays import floats
+from rigidmc.inputs.labelled import Wanted
 from rigidmc.mechanics.inertia import violates_triangle, why_impossible
 from rigidmc.scene.quantities import Source, count_rows, draw, is_shared
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution, about_centre

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.arrays import floats
-from rigidmc.dual_arrays import square_root
 from rigidmc.errors import SceneError
-from rigidmc.labelled import Wanted
+from rigidmc.inputs.arrays import floats
+from rigidmc.inputs.labelled import Wanted
+from rigidmc.physics.dynamics.dual_arrays import square_root
 from rigidmc.physics.dynamics.functions import cosine, normal_quantile, sine
 from rigidmc.physics.dynamics.so3 import sincos
 from rigidmc.scene.distributions import Distribution, uniform

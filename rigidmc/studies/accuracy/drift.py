@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, unknown
+from rigidmc.inputs.amounts import read_count, read_seconds
 from rigidmc.physics.integrators import integrators_for, refusal
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.deviation import drift_along
 from rigidmc.planning.tolerance.pilot import ROUNDING, pilot
 from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count
-from rigidmc.scene.amounts import read_count, read_seconds
 from rigidmc.scene.recording import conservation
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.validation import named_integrators

@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from rigidmc.figures import GREY, INK, LIGHT, new_figure, style_of
+from rigidmc.inputs.amounts import two_digits
 from rigidmc.results.labels import count_text, with_units
-from rigidmc.scene.amounts import two_digits
 from rigidmc.studies.accuracy.work_precision import horizon_text
+from rigidmc.views.figures import GREY, INK, LIGHT, new_figure, style_of
 
 
 def accuracy_picture(study: xr.Dataset) -> Figure:

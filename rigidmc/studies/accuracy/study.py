@@ -44,7 +44,7 @@ from typing import Any
 
 import xarray as xr
 
-from rigidmc.progress import say
+from rigidmc.processes.progress import say
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.accuracy.drift import long_drift, long_table
 from rigidmc.studies.accuracy.work_precision import ladder_table, work_precision

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError, unknown
+from rigidmc.inputs.amounts import read_count, two_digits
 from rigidmc.physics.integrators import refusal
 from rigidmc.planning.tolerance.ahead import compile_ahead
 from rigidmc.planning.tolerance.choose import check_pilot, check_quiet
@@ -22,7 +23,6 @@ from rigidmc.planning.tolerance.pilot import ROUNDING, Pilot, pilot
 from rigidmc.planning.tolerance.truth import Reference, make_reference
 from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count
-from rigidmc.scene.amounts import read_count, two_digits
 from rigidmc.scene.scene import Scene
 from rigidmc.version import VERSION
 

@@ -7,9 +7,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rigidmc.figures import CORE, INK, LIGHT, MARKERS, MEDIAN, PATH, legend_above, new_figure
 from rigidmc.results.labels import in_degrees, in_symbols, with_units
 from rigidmc.studies.basins.study import basin_names, fitted_line
+from rigidmc.views.figures import CORE, INK, LIGHT, MARKERS, MEDIAN, PATH, legend_above, new_figure
 
 BASINS = (MEDIAN, "#fdd49e", PATH, CORE, "#777777", "#2a9d6f")  # dark and light in turn
 

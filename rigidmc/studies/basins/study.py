@@ -52,12 +52,12 @@ from scipy.special import ndtri
 
 from rigidmc.errors import OptionError
 from rigidmc.planning.initial import members_at_start, uncertain_numbers
-from rigidmc.results.intervals import Interval, probability, resolution_of
 from rigidmc.results.labels import count_text
-from rigidmc.results.measures import Measure, Variables, measure
 from rigidmc.results.variables import variables_of
 from rigidmc.scene.sampling import DISTANCES, NeighbourFamilies
 from rigidmc.scene.scene import Scene
+from rigidmc.statistics.intervals import Interval, probability, resolution_of
+from rigidmc.statistics.measures import Measure, Variables, measure
 from rigidmc.studies.framework.members import (
     TUNING,
     Batches,

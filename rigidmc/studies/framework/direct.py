@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import xarray as xr
 
 from rigidmc.errors import OptionError
-from rigidmc.progress import announce
+from rigidmc.processes.progress import announce
 from rigidmc.scene.scene import Scene
 
 

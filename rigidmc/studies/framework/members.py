@@ -22,12 +22,11 @@ from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import OBSERVABLES, label_observables
 from rigidmc.planning.initial import make_sampler
 from rigidmc.planning.saves import first_and_last
-from rigidmc.progress import Progress, announce, reporter, say
+from rigidmc.processes.progress import Progress, announce, reporter, say
 from rigidmc.results.frames import is_described
-from rigidmc.results.measures import Variables, save_for_measures
-from rigidmc.results.run_directory import RunDirectory
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.directory.create import create
+from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.price import price
 from rigidmc.runs.resources import refuse_count
@@ -35,6 +34,7 @@ from rigidmc.runs.simulate import simulate
 from rigidmc.scene.sampling import FamilyDesign
 from rigidmc.scene.save_times import settled
 from rigidmc.scene.scene import Scene, scene_of
+from rigidmc.statistics.measures import Variables, save_for_measures
 from rigidmc.studies.framework.options import keywords_of
 
 

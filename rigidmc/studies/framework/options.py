@@ -10,8 +10,8 @@ from numbers import Real
 from typing import Any, NamedTuple, Self, dataclass_transform, get_args, get_type_hints
 
 from rigidmc.errors import OptionError, SceneError
-from rigidmc.scene.amounts import read_count, read_seconds, words_of
-from rigidmc.units import in_units
+from rigidmc.inputs.amounts import read_count, read_seconds, words_of
+from rigidmc.inputs.units import in_units
 
 REQUIRED: Any = inspect.Parameter.empty  # default of an option that must be given
 # types of an option: given several times; a list of names such as rk4,rk8, or of named objects;

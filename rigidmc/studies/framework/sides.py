@@ -3,11 +3,11 @@
 from typing import Any
 
 from rigidmc.errors import OptionError, SceneError
+from rigidmc.inputs.units import as_measured, in_units, quantity_text
 from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.units import units_of
 from rigidmc.studies.framework.options import Option
-from rigidmc.units import as_measured, in_units, quantity_text
 
 Side = tuple[str, float, float] | tuple[str, float, float, bool]  # parameter, low, high[, log]
 Whole = tuple[str, float, float, bool]  # a side with all entries

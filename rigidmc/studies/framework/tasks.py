@@ -14,9 +14,10 @@ from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.outputs import Path
-from rigidmc.progress import Progress, announce, reporter, say
+from rigidmc.inputs.amounts import read_count, read_seconds, two_digits
+from rigidmc.processes.progress import Progress, announce, reporter, say
 from rigidmc.results.labels import count_text
-from rigidmc.results.run_directory import RunDirectory
+from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.directory.gather import verify
 from rigidmc.runs.directory.load import check_versions, scene_of_run
 from rigidmc.runs.directory.resume import add_members, missing_of
@@ -34,7 +35,6 @@ from rigidmc.runs.directory.tasks import (
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.price import cost_per_step
 from rigidmc.runs.resources import movers
-from rigidmc.scene.amounts import read_count, read_seconds, two_digits
 from rigidmc.scene.scene import Scene
 from rigidmc.studies import STUDIES, load_study
 from rigidmc.studies.framework.options import keywords_of

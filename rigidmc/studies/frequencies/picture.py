@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
-from rigidmc.figures import LIGHT, VALUES, figure_of, new_figure
 from rigidmc.results.labels import in_symbols, label_of, with_degrees
+from rigidmc.views.figures import LIGHT, VALUES, figure_of, new_figure
 
 LOWEST = 1e-14  # changes below it are rounding, and drawn as this
 FREQUENCY = "frequency[1]"

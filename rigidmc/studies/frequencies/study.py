@@ -47,11 +47,11 @@ from numpy.typing import NDArray
 from scipy.optimize import elementwise
 
 from rigidmc.errors import OptionError, nearest
-from rigidmc.results.estimates import component_of
-from rigidmc.results.intervals import ULPS, resolution, resolution_of
 from rigidmc.results.labels import column_head, count_text
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.scene import Scene
+from rigidmc.statistics.estimates import component_of
+from rigidmc.statistics.intervals import ULPS, resolution, resolution_of
 from rigidmc.studies.framework.members import Batches, Members
 from rigidmc.studies.framework.options import REQUIRED, Example, Options, option
 from rigidmc.studies.framework.study import Study

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from rigidmc.results.intervals import Interval, is_constant, mean
+from rigidmc.statistics.intervals import Interval, is_constant, mean
 
 Array = NDArray[np.float64]
 NEARBY = 30  # least number of members near a quantile

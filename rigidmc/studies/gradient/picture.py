@@ -4,9 +4,9 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from rigidmc.figures import COLOURS, GREY, figure_of, new_figure
 from rigidmc.results.labels import in_symbols, with_units
 from rigidmc.scene.derivatives import quotient
+from rigidmc.views.figures import COLOURS, GREY, figure_of, new_figure
 
 
 def gradient_bars(study: xr.Dataset, figure: Figure | None = None) -> Figure:

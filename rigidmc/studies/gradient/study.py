@@ -60,15 +60,15 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, unknown
 from rigidmc.physics.observables import saved_observables
-from rigidmc.results.intervals import resolution_of
 from rigidmc.results.labels import count_text
-from rigidmc.results.measures import save_for_measures
 from rigidmc.results.variables import saved_variables, variables_of
 from rigidmc.scene.derivative_names import derivative_unit
 from rigidmc.scene.derivatives import derivative_name, parameters_of_run, quotient
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.sampling import is_sample
 from rigidmc.scene.scene import Scene
+from rigidmc.statistics.intervals import resolution_of
+from rigidmc.statistics.measures import save_for_measures
 from rigidmc.studies.framework.members import TUNING, Batches, Members, start_numbers
 from rigidmc.studies.framework.options import (
     REQUIRED,

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from rigidmc.errors import OptionError, nearest
-from rigidmc.results.measures import Measure, Variables, measure
 from rigidmc.scene.derivative_names import parameter_names_of_derivatives
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
+from rigidmc.statistics.measures import Measure, Variables, measure
 from rigidmc.studies.gradient.scores import (
     scores_of_noise,
     scores_of_scene,

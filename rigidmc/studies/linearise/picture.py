@@ -9,7 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rigidmc.figures import (
+from rigidmc.results.labels import (
+    axis_label,
+    count_text,
+    in_symbols,
+    long_label,
+    with_degrees,
+)
+from rigidmc.studies.linearise.stability import MOTION
+from rigidmc.views.figures import (
     ALARM,
     COLOURS,
     GREY,
@@ -20,14 +28,6 @@ from rigidmc.figures import (
     legend_above,
     new_figure,
 )
-from rigidmc.results.labels import (
-    axis_label,
-    count_text,
-    in_symbols,
-    long_label,
-    with_degrees,
-)
-from rigidmc.studies.linearise.stability import MOTION
 
 UNSTABLE = ("saddle", "unstable spiral")
 ALIKE = 1e-6  # of curves or eigenvalues that symmetric motions share, relative to the largest

@@ -5,8 +5,9 @@ w, with all that effects add to I^-1 L, and f = dL/dt in the body::
 
     dq/dt = 1/2 q (0, w(q, l, t)),   dl/dt = f(q, l, t)
 
-The engine compiles the same formulas; arrays with tangents (`rigidmc.dual_arrays`) differentiate
-them. A change of attitude is a rotation vector in body axes, q exp(x/2).
+The engine compiles the same formulas; arrays with tangents
+(`rigidmc.physics.dynamics.dual_arrays`) differentiate them. A change of attitude is a rotation
+vector in body axes, q exp(x/2).
 """
 
 from typing import Any, NamedTuple
@@ -14,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dual_arrays import DualArray
 from rigidmc.engine.formulas import torques
 from rigidmc.errors import SceneError
+from rigidmc.physics.dynamics.dual_arrays import DualArray
 from rigidmc.physics.dynamics.euler import MassProperties, angular_velocity, free_rate
 from rigidmc.physics.dynamics.so3 import add, spin
 from rigidmc.physics.effects import label_effects

@@ -57,7 +57,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.physics.dynamics.so3 import conjugate, into_body, multiply
 from rigidmc.physics.observables.protocol import DIMENSIONS
-from rigidmc.progress import say
+from rigidmc.processes.progress import say
 from rigidmc.results.labels import column_head, count_text, value_text
 from rigidmc.scene.parameters import with_parameter
 from rigidmc.scene.scene import Scene

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from rigidmc.figures import COLOURS, LIGHT, MARKERS, figure_of, legend_above, new_figure
 from rigidmc.results.labels import in_symbols, long_label
+from rigidmc.views.figures import COLOURS, LIGHT, MARKERS, figure_of, legend_above, new_figure
 
 LOWEST = 1e-32  # indices below it are drawn as this
 

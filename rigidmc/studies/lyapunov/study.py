@@ -62,7 +62,6 @@ from rigidmc.errors import OptionError, SceneError
 from rigidmc.planning.initial import make_pilot
 from rigidmc.planning.scheme import largest_rates
 from rigidmc.planning.turns import longest_interval
-from rigidmc.results.intervals import mean
 from rigidmc.results.labels import column_head, count_text, value_text
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.directory.tasks import Request, TaskArrays
@@ -71,6 +70,7 @@ from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.recording import conservation
 from rigidmc.scene.sampling import is_sample
 from rigidmc.scene.scene import Scene
+from rigidmc.statistics.intervals import mean
 from rigidmc.studies.framework.members import TUNING, refuse_stops
 from rigidmc.studies.framework.options import Example, Options, Time, confidence_option, option
 from rigidmc.studies.framework.study import Study

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 from scipy import special
 
-from rigidmc.results.intervals import ULPS, resolution
+from rigidmc.statistics.intervals import ULPS, resolution
 
 START = 24  # cost of the start and the end of a member, in steps: 1 us
 PAIRED = 1.4  # cost of a step with the noise of two, in steps

@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError
-from rigidmc.results.measures import Measure
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.scene.scene import Scene
+from rigidmc.statistics.measures import Measure
 from rigidmc.studies.multilevel.corrections import (
     SAMPLING,
     Level,

@@ -6,10 +6,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from rigidmc.figures import CORE, GREY, INK, LIGHT, MEDIAN, PATH, figure_of, new_figure
 from rigidmc.results.labels import in_symbols, with_units
 from rigidmc.studies.multilevel.corrections import interval_cost
 from rigidmc.studies.multilevel.study import plain_members, read_levels
+from rigidmc.views.figures import CORE, GREY, INK, LIGHT, MEDIAN, PATH, figure_of, new_figure
 
 
 def multilevel_levels(study: xr.Dataset, figure: Figure | None = None) -> Figure:

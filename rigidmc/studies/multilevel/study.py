@@ -56,9 +56,8 @@ import xarray as xr
 from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import default_names, own, square_units
-from rigidmc.progress import say
+from rigidmc.processes.progress import say
 from rigidmc.results.labels import count_text, with_units
-from rigidmc.results.measures import save_for_measures
 from rigidmc.results.variables import saved_variables, variables_of
 from rigidmc.runs.directory import tasks as runs
 from rigidmc.runs.prepare import prepare_scene
@@ -66,6 +65,7 @@ from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.sampling import refuse_indexed
 from rigidmc.scene.scene import Scene
+from rigidmc.statistics.measures import save_for_measures
 from rigidmc.studies.framework.options import Example, Options, confidence_option, option
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.framework.tasks import Tasks

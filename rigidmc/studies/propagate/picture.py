@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
-from rigidmc.figures import COLOURS, GREY, INK, LIGHT, add_title, figure_of, new_figure
 from rigidmc.results.labels import in_degrees, in_symbols, with_units
+from rigidmc.views.figures import COLOURS, GREY, INK, LIGHT, add_title, figure_of, new_figure
 
 Array = NDArray[np.float64]
 SIGMAS = 1.0, 2.0

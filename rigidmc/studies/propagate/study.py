@@ -56,9 +56,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.rotation import product, rotation_vector
 from rigidmc.planning.saves import first_and_last
-from rigidmc.progress import reporter
-from rigidmc.results.estimates import rows_in_time
-from rigidmc.results.intervals import ULPS, resolution_of
+from rigidmc.processes.progress import reporter
 from rigidmc.results.labels import count_text, with_units
 from rigidmc.runs.prepare import prepare, prepare_scene
 from rigidmc.runs.simulate import simulate
@@ -66,6 +64,8 @@ from rigidmc.scene.derivative_names import END, derivative_unit
 from rigidmc.scene.derivatives import derivative_name, parameters_of_run
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.varied import value_at
+from rigidmc.statistics.estimates import rows_in_time
+from rigidmc.statistics.intervals import ULPS, resolution_of
 from rigidmc.studies.framework.direct import Direct
 from rigidmc.studies.framework.members import TUNING, refuse_noise, start_numbers
 from rigidmc.studies.framework.options import Example, Names, Numbers, Options, option

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from rigidmc.figures import CORE, INK, LIGHT, figure_of, legend_above, new_figure
 from rigidmc.results.labels import in_degrees, in_symbols, with_units
+from rigidmc.views.figures import CORE, INK, LIGHT, figure_of, legend_above, new_figure
 
 
 def rare_curve(study: xr.Dataset, figure: Figure | None = None) -> Figure:

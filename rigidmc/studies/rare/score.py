@@ -12,11 +12,11 @@ from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import outputs
 from rigidmc.physics.observables.protocol import Event
 from rigidmc.physics.observables.saving import roles_of
-from rigidmc.results.measures import Result, measure, save_for_measures
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.segments import SegmentedRun
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
+from rigidmc.statistics.measures import Result, measure, save_for_measures
 
 Array = NDArray[np.float64]
 RULE = (

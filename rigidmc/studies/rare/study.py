@@ -16,7 +16,7 @@ walks or branches with it; p is the mean over all rows.
 
 Both methods are repeated with successive seeds, starting with that of the scene. The interval is
 that of the mean of a skewed distribution over the repetitions, see
-`rigidmc.results.intervals.mean_of_skew`. If no member reaches the event, p is 0, and the upper
+`rigidmc.statistics.intervals.mean_of_skew`. If no member reaches the event, p is 0, and the upper
 end is that of the same number of plain members without the event.
 
 {parameters}
@@ -63,16 +63,16 @@ from scipy import stats
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError
+from rigidmc.inputs.amounts import read_count
 from rigidmc.planning.initial import random_dimensions
-from rigidmc.results.intervals import mean_of_skew, probability
 from rigidmc.results.labels import count_text
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.directory.tasks import Request, TaskArrays
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.resources import refuse_count
-from rigidmc.scene.amounts import read_count
 from rigidmc.scene.sampling import is_indexed, rows_to_run
 from rigidmc.scene.scene import Scene
+from rigidmc.statistics.intervals import mean_of_skew, probability
 from rigidmc.studies.framework.options import Example, Options, confidence_option, option
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.framework.tasks import Tasks

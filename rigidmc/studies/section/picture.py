@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
-from rigidmc.figures import COLOURS, INK, LIGHT, VALUES, add_title, figure_of, new_figure
 from rigidmc.mechanics.rotation import euler
 from rigidmc.results.labels import axis_label, in_symbols, label_of, with_degrees, with_units
+from rigidmc.views.figures import COLOURS, INK, LIGHT, VALUES, add_title, figure_of, new_figure
 
 EULER = ("phi", "theta", "psi")
 FEW = len(COLOURS)  # most members with separate colours

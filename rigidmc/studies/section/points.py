@@ -20,6 +20,8 @@ from rigidmc.engine.formulas import AdvancedState, evaluate
 from rigidmc.engine.inspection import refuse_uncompilable
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, SceneError, nearest
+from rigidmc.inputs.amounts import parse_seconds
+from rigidmc.inputs.units import in_units, quantity_text
 from rigidmc.physics.dynamics.body_axes import body_axes
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.effects import label_effects
@@ -29,11 +31,9 @@ from rigidmc.physics.observables import find_observable
 from rigidmc.physics.observables.protocol import size
 from rigidmc.planning.initial import block_rows, initial_block_of, make_sampler
 from rigidmc.planning.steps import rate_bounds
-from rigidmc.results.estimates import StateComponent, component_of, rows_in_time
 from rigidmc.results.frames import in_principal_axes
-from rigidmc.scene.amounts import parse_seconds
 from rigidmc.scene.scene import Scene
-from rigidmc.units import in_units, quantity_text
+from rigidmc.statistics.estimates import StateComponent, component_of, rows_in_time
 
 Array = NDArray[np.float64]
 # rad: the error of an rk8 step of this length is 1e-13, so that a section keeps the run's accuracy

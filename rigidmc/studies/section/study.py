@@ -44,11 +44,11 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, nearest
 from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.planning.steps import MOST_STEPS
-from rigidmc.results.estimates import of_the_state
 from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
+from rigidmc.statistics.estimates import of_the_state
 from rigidmc.studies.framework.members import Batches, Members
 from rigidmc.studies.framework.options import REQUIRED, Example, Options, option
 from rigidmc.studies.framework.study import Study

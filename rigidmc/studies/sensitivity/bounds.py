@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError
 from rigidmc.planning.initial import uncertain_numbers
-from rigidmc.results.measures import Measure
 from rigidmc.scene.derivative_names import parameter_names_of_derivatives
 from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.distributions import Distribution, Truncated
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.varied import value_at
+from rigidmc.statistics.measures import Measure
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rigidmc.figures import CORE, INK, LIGHT, MEDIAN, figure_of, legend_above, new_figure
 from rigidmc.results.labels import in_symbols
+from rigidmc.views.figures import CORE, INK, LIGHT, MEDIAN, figure_of, legend_above, new_figure
 
 
 def sensitivity_bars(study: xr.Dataset, figure: Figure | None = None) -> Figure:

@@ -67,11 +67,11 @@ from scipy import stats
 
 from rigidmc.errors import OptionError
 from rigidmc.planning.initial import uncertain_numbers
-from rigidmc.results.intervals import Interval, is_constant, resolution_of
 from rigidmc.results.labels import count_text
-from rigidmc.results.measures import Measure, Variables, measure
 from rigidmc.results.variables import variables_of
 from rigidmc.scene.scene import Scene
+from rigidmc.statistics.intervals import Interval, is_constant, resolution_of
+from rigidmc.statistics.measures import Measure, Variables, measure
 from rigidmc.studies.framework.members import TUNING, Batches, Members, drawn_families
 from rigidmc.studies.framework.options import (
     REQUIRED,
@@ -139,7 +139,7 @@ def indices(
 
     values : (families, d + 2), see `sensitivity`; families with a nan are left out
     controls : whether control variates correct the means
-    resolved : as in `rigidmc.results.intervals.is_constant`
+    resolved : as in `rigidmc.statistics.intervals.is_constant`
     """
     y = values[np.isfinite(values).all(axis=1)]
     if count_differing(values, resolved) < FEW:

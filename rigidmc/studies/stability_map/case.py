@@ -32,7 +32,7 @@ class MapCase(NamedTuple):
     """A map: its scene and settings, x and y, the measures, and the theory.
 
     x, y : (parameter, low, high[, log]), see `make_request`
-    of : the measures, see `rigidmc.results.measures`;  members : per pixel
+    of : the measures, see `rigidmc.statistics.measures`;  members : per pixel
     settings : of the run;  source : of the theory
     derived : function of the Dataset that returns more variables: theory, and combined measures
     shown : the variable that the picture shows in colour

@@ -13,14 +13,14 @@ from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.mechanics.inertia import TRIANGLE
 from rigidmc.planning.saves import first_and_last
 from rigidmc.planning.tolerance.choose import choose_integrator
-from rigidmc.progress import reporter
-from rigidmc.results.measures import Measure, measure, save_for_measures
+from rigidmc.processes.progress import reporter
 from rigidmc.results.variables import Variable, variables_of
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
+from rigidmc.statistics.measures import Measure, measure, save_for_measures
 from rigidmc.studies.framework.sides import Side
 from rigidmc.studies.stability_map.pixels import PixelCollector, Pixels, join_pixels, map_dataset
 from rigidmc.studies.stability_map.question import MapRequest, make_request

@@ -17,7 +17,6 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from rigidmc.figures import ALARM, GREY, MEDIAN, Scale, colour_scale, new_figure
 from rigidmc.physics.observables.saving import CENSORED
 from rigidmc.results.labels import (
     count_text,
@@ -28,6 +27,7 @@ from rigidmc.results.labels import (
     with_units,
 )
 from rigidmc.studies.stability_map.case import MAPS, MapCase
+from rigidmc.views.figures import ALARM, GREY, MEDIAN, Scale, colour_scale, new_figure
 
 BLANK = "#dddddd"  # pixels without a value of the measure
 Edges = list[NDArray[np.float64]]  # of the pixels, along x and along y

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.physics.observables.saving import CENSORED, FOLLOWED
-from rigidmc.results.measures import Measure
 from rigidmc.results.variables import Variable
 from rigidmc.scene.sampling import is_sample
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.units import units_of
+from rigidmc.statistics.measures import Measure
 from rigidmc.studies.stability_map.question import MapRequest
 from rigidmc.version import VERSION
 

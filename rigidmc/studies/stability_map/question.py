@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from pydantic import TypeAdapter
 
 from rigidmc.errors import FileError, OptionError, RigidmcError
-from rigidmc.scene.amounts import read_count
+from rigidmc.inputs.amounts import read_count
 from rigidmc.scene.parameters import with_parameter
 from rigidmc.scene.quantities import Grid, grid
 from rigidmc.scene.scene import Scene
@@ -28,7 +28,7 @@ class MapRequest(NamedTuple):
     spread over all pixels, and more members are more replicas of each pixel.
 
     x, y : (parameter, low, high, whether log-spaced);  z : of the layers, None without a stack
-    of : the measures, see `rigidmc.results.measures`
+    of : the measures, see `rigidmc.statistics.measures`
     columns, rows, layers : pixels along x, y and z;  replicas : members per pixel
     confidence : of the intervals
     name : of a shipped map, or ""

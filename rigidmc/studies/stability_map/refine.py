@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import LANES
 from rigidmc.errors import OptionError, unknown
-from rigidmc.results.measures import Measure
+from rigidmc.statistics.measures import Measure
 from rigidmc.studies.stability_map.pixels import Pixels
 from rigidmc.studies.stability_map.question import Borders, MapRequest
 

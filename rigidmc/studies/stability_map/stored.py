@@ -18,12 +18,12 @@ from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.netcdf import open_undecoded, read
 from rigidmc.files.outputs import Path
 from rigidmc.files.stores import is_folder, is_url
-from rigidmc.results.run_directory import RunDirectory
+from rigidmc.inputs.amounts import read_seconds
 from rigidmc.results.variables import NEWER, variables_of
 from rigidmc.runs.directory.create import MemberSelection, create
+from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.directory.load import load_run, scene_of_run
 from rigidmc.runs.directory.resume import add_members, resume
-from rigidmc.scene.amounts import read_seconds
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.studies.framework.sides import Whole
 from rigidmc.studies.stability_map.case import with_theory

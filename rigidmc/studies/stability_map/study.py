@@ -38,7 +38,7 @@ import xarray as xr
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path
 from rigidmc.results.labels import count_text
-from rigidmc.results.run_directory import RunDirectory
+from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.options import Example, Options, Words, keywords_of, option
 from rigidmc.studies.framework.sides import SIDE, Side
@@ -88,7 +88,7 @@ class MapOptions(Options):
         None,
         'measure shown: "p(flips >= 1)", "mean(megno)", "quantile(flip_wait, 0.9)"; may be'
         " repeated",
-        more="see `rigidmc.results.measures`",
+        more="see `rigidmc.statistics.measures`",
         metavar="MEASURE",
         is_new=True,
         missing=NEEDED,

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from rigidmc.figures import ALARM, COLOURS, GREY, INK, LIGHT, MARKERS, Picture, new_figure
 from rigidmc.results.labels import axis_label, count_text
 from rigidmc.studies.stress.hard_cases import AMBER, VERDICTS
+from rigidmc.views.figures import ALARM, COLOURS, GREY, INK, LIGHT, MARKERS, Picture, new_figure
 
 # {verdict of `rigidmc.studies.stress.hard_cases`: (colour, words)}; "not claimed" stays white
 _VERDICTS = {

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from typing import Any
 
 from rigidmc.errors import RigidmcError
-from rigidmc.files.processes import start_helper
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.progress import reporter
+from rigidmc.processes.helpers import start_helper
+from rigidmc.processes.progress import reporter
 from rigidmc.studies.stress import catalogue
 from rigidmc.studies.stress.case import HardCase
 

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError
-from rigidmc.figures import colour_scale
 from rigidmc.physics.dynamics.body_axes import body_axes
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
@@ -25,6 +24,7 @@ from rigidmc.results.labels import count_text, long_label, units_text
 from rigidmc.runs.frames import integrate_member
 from rigidmc.runs.rerun import rerun
 from rigidmc.scene.scene import Scene, scene_of
+from rigidmc.views.figures import colour_scale
 from rigidmc.views.sample import fastest, omega_or_momentum, thin_result
 from rigidmc.views.surfaces import form_of, member_body, surface_of, surface_radius
 

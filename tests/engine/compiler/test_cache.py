@@ -177,7 +177,7 @@ from collections import defaultdict
 from rigidmc.engine import compile_helper
 from rigidmc.engine.compiler import compose, disk_cache, frozen, kernels, pipeline
 from rigidmc.engine.compiler.source_stamps import closure_of
-from rigidmc.files.processes import PACKAGE
+from rigidmc.processes.helpers import PACKAGE
 import rigidmc as rm
 
 plain, define = kernels._loaded_or_compiled, pipeline.Pipeline.define_pipelines

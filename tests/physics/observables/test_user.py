@@ -9,7 +9,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.protocols import event, observable, running, vertical
-from rigidmc.results.measures import save_for_measures
+from rigidmc.statistics.measures import save_for_measures
 
 TOP = rm.Scene(
     rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3)),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from rigidmc.results import intervals, spread
+from rigidmc.statistics import intervals, spread
 
 QUANTILES = (0.05, 0.5, 0.95)
 RANDOM = np.random.default_rng(2)

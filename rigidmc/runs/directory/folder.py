@@ -47,7 +47,7 @@ from rigidmc.files.opening import data_bytes, open_below, open_plain, open_regul
 from rigidmc.files.outputs import Path, clear, is_part
 from rigidmc.files.reading import bytes_of, json_of
 from rigidmc.files.stores import Store, is_url, join
-from rigidmc.results.run_facts import Count, read_facts, selection_facts
+from rigidmc.runs.directory.facts import Count, read_facts, selection_facts
 
 _SHARD = re.compile(r"([0-9]{8})-([0-9]{1,12})-([0-9a-f]{16})\.nc")
 _OLD = 3600.0  # s, after which an unfinished file of another computer counts as abandoned

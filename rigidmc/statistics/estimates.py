@@ -15,12 +15,12 @@ from rigidmc.files.reading import toml
 from rigidmc.physics.dynamics.methods import argument_names
 from rigidmc.physics.observables import OBSERVABLES, find_observable, own
 from rigidmc.physics.observables.protocol import DIMENSIONS
-from rigidmc.results.intervals import Estimate
-from rigidmc.results.measures import Measure, measure
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.sampling import is_sample_of
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.toml.read import scene_text
+from rigidmc.statistics.intervals import Estimate
+from rigidmc.statistics.measures import Measure, measure
 
 MOST_GROUPS = 10_000
 

@@ -7,9 +7,9 @@ from scipy import stats
 
 import rigidmc as rm
 from rigidmc.errors import OptionError
-from rigidmc.results import estimates
-from rigidmc.results.intervals import correlation
-from rigidmc.results.measures import measure
+from rigidmc.statistics import estimates
+from rigidmc.statistics.intervals import correlation
+from rigidmc.statistics.measures import measure
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 SCENE = rm.Scene(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
-from rigidmc.units import unit_of
+from rigidmc.inputs.units import unit_of
 
 
 class Wanted(NamedTuple):

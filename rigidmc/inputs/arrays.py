@@ -2,9 +2,9 @@
 
 The position of a number gives its meaning: components come last, and in scenes each row is a
 member. Where a shape allows both, such as (3, 3), the array is refused: its dimensions need names.
-Labels of pandas and xarray give the meaning themselves (`rigidmc.labelled`). Objects with more than
-positions (a unit, a mask, no order) would lose it here, so they are refused with a suggested
-replacement.
+Labels of pandas and xarray give the meaning themselves (`rigidmc.inputs.labelled`). Objects with
+more than positions (a unit, a mask, no order) would lose it here, so they are refused with a
+suggested replacement.
 """
 
 import math
@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import SceneError, warn
-from rigidmc.labelled import COLUMN, Wanted, has_dims, is_labelled, read_labelled, two_ways
-from rigidmc.units import ARGUMENTS, from_foreign, is_foreign, numbers_in
+from rigidmc.inputs.labelled import COLUMN, Wanted, has_dims, is_labelled, read_labelled, two_ways
+from rigidmc.inputs.units import ARGUMENTS, from_foreign, is_foreign, numbers_in
 
 _SEQUENCES = (list, tuple, range, deque, machine_array)
 _PLAIN_ARRAYS = (np.memmap, np.matrix, np.recarray)  # carry no more than the numbers of an ndarray

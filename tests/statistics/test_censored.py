@@ -16,11 +16,11 @@ from rigidmc.errors import OptionError
 from rigidmc.files.netcdf import read
 from rigidmc.physics.observables.saving import event_times
 from rigidmc.protocols import event, running, select
-from rigidmc.results import censored, intervals
 from rigidmc.results.variables import NEWER
 from rigidmc.scene.recording import make_recording
+from rigidmc.statistics import censored, intervals
 from rigidmc.studies.stability_map.picture import stability_map as drawn
-from tests.results.test_estimates import SCENE
+from tests.statistics.test_estimates import SCENE
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 

@@ -4,7 +4,7 @@ scipy.stats computes most of them one at a time: `binomtest` takes 0.6 ms for ea
 (`python -m timeit -s "from scipy.stats import binomtest" "binomtest(3, 16).proportion_ci()"`).
 Here, all of 256 x 256 pixels take a hundredth of a second. Ends of quantiles agree with scipy to
 the bit, means to 1e-13, probabilities to 5e-13, the accuracy of scipy's root finding
-(tests/results/test_intervals.py).
+(tests/statistics/test_intervals.py).
 
 This module also decides which numbers differ by rounding alone, with one rule for all studies that
 compare members. Floating-point numbers have a resolution of eps, the distance from 1 to the next
@@ -274,7 +274,7 @@ def mean_of_skew(values: ArrayLike, confidence: float = 0.95) -> Interval:
 
     For few values of a skewed distribution, Student's interval misses the mean, mostly from below:
     for 16 log-normal values with a relative standard deviation of 0.6, its coverage is 92 %
-    (tests/results/test_intervals.py). With a relative standard deviation c, the ends are
+    (tests/statistics/test_intervals.py). With a relative standard deviation c, the ends are
 
         mean exp(+-t (c^2/n + c^4/2(n - 1))^(1/2))
 

@@ -6,8 +6,8 @@ from scipy import stats
 
 import rigidmc as rm
 from bench.coverage import INTERVALS, shares
-from rigidmc.results import intervals as statistics
-from rigidmc.results.intervals import (
+from rigidmc.statistics import intervals as statistics
+from rigidmc.statistics.intervals import (
     correlation,
     is_constant,
     mean,

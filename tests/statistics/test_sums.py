@@ -5,8 +5,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from rigidmc.results import sums
-from rigidmc.results.sums import GROUP, Moments, OrderedSums, moments_of_groups
+from rigidmc.statistics import sums
+from rigidmc.statistics.sums import GROUP, Moments, OrderedSums, moments_of_groups
 
 
 def numbers(count):

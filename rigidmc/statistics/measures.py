@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, SceneError, nearest
 from rigidmc.physics.observables import WATCHED, WATCHED_STATISTICS, statistics, word_of_observable
 from rigidmc.physics.observables.saving import FOLLOWED, is_event_time, owners_of_variables
-from rigidmc.results import censored, intervals
-from rigidmc.results.censored import RELATIONS
-from rigidmc.results.columns import Columns
-from rigidmc.results.intervals import Estimate, Interval
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.units import in_si
+from rigidmc.statistics import censored, intervals
+from rigidmc.statistics.censored import RELATIONS
+from rigidmc.statistics.columns import Columns
+from rigidmc.statistics.intervals import Estimate, Interval
 
 _NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
 
@@ -128,7 +128,7 @@ class Measure(NamedTuple):
         """Return the numbers of the members (n,) from which `interval` estimates the measure.
 
         For p, the number is 1 if the relation holds, else 0, and nan for members without a value.
-        For the time of an event, it is the signed time, see `rigidmc.results.censored`. For a
+        For the time of an event, it is the signed time, see `rigidmc.statistics.censored`. For a
         correlation, it is one complex number with the two values of a member.
 
         Raises OptionError for a probability beyond the time until which members were followed.

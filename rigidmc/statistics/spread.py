@@ -1,6 +1,6 @@
 """Means and exact quantiles of the members of a result, block by block, in bounded memory.
 
-A quantile of n numbers has one rank or two, as in `rigidmc.results.intervals.quantile`. One pass
+A quantile of n numbers has one rank or two, as in `rigidmc.statistics.intervals.quantile`. One pass
 over the members counts the numbers below a bracket and keeps those inside; the bracket comes from a
 sample of 2^19 members and holds both ranks with near certainty. If it does not, or if too many
 numbers are inside, the counts give a better bracket and another pass follows, so that the quantile
@@ -20,8 +20,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.results import intervals
-from rigidmc.threads import Task, drop, threads_of
+from rigidmc.processes.threads import Task, drop, threads_of
+from rigidmc.statistics import intervals
 
 BLOCK = 2**19  # members of a block, unless dask has its own
 PIECE = 2**18  # numbers searched at once: each call must outlast a switch between threads

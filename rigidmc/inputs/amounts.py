@@ -10,7 +10,7 @@ from numbers import Integral, Real
 from typing import Any, TypeGuard
 
 from rigidmc.errors import OptionError, RigidmcError
-from rigidmc.units import LONGEST, from_foreign, is_foreign
+from rigidmc.inputs.units import LONGEST, from_foreign, is_foreign
 
 _UNITS: dict[str, tuple[Fraction, str]] = {  # unit: (seconds, pattern of its names)
     "d": (Fraction(86400), "d|days?"),

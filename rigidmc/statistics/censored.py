@@ -34,10 +34,10 @@ from scipy import special
 from rigidmc.errors import OptionError
 from rigidmc.files.reading import toml
 from rigidmc.physics.observables.saving import CENSORED, FOLLOWED, LAG
-from rigidmc.results import intervals
-from rigidmc.results.columns import Columns
-from rigidmc.results.intervals import WHOLE, Estimate
 from rigidmc.scene.toml.read import scene_text
+from rigidmc.statistics import intervals
+from rigidmc.statistics.columns import Columns
+from rigidmc.statistics.intervals import WHOLE, Estimate
 
 Array = NDArray[np.float64]
 SAME = 1.0 + 1e-9  # ratio up to which two times count as equal

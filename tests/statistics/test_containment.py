@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from rigidmc.results import censored, intervals
+from rigidmc.statistics import censored, intervals
 from rigidmc.studies.gradient.estimators import of_quantile, of_score
 from rigidmc.studies.rare.study import _interval as rare_interval
 from rigidmc.studies.sensitivity.study import FEW, bounds_of, indices
