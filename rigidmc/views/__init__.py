@@ -4,12 +4,12 @@ Every view reads a Dataset or a scene and changes neither. Reading order: `acces
 notebooks), `descriptions` (text on scenes and bodies), `new_scene` (a first scene as text),
 `summary` (text on a result), `axes` and `states` (axes of a result, quantities from saved states),
 `attitudes` (Euler angles of any sequence), `sample` (the members and times that pictures read),
-`figures` (palette, and figures as files), `closed_motion` (states between the saves, where a closed form covers the scene),
-`surfaces`, `sphere`, `quadric`, `caps` and `stage` (shapes, densities and what to draw them on),
-`ensemble` and `globes` (pictures of an ensemble), `snapshots`, `closed_forms`, `polhodes`,
-`poinsot`, `tops` and `phase_portraits` (pictures of a few bodies or many), `gibbs`, `animation`,
-`html_page` (a page in one file), `web` (what pages share in the browser), `viewer` (a page that
-replays the motion), and `live` (a page that computes it).
+`figures` (palette, and figures as files), `closed_motion` (states between the saves, where a closed
+form covers the scene), `surfaces`, `sphere`, `quadric`, `caps` and `stage` (shapes, densities and
+what to draw them on), `ensemble` and `globes` (pictures of an ensemble), `snapshots`,
+`closed_forms`, `polhodes`, `poinsot`, `tops` and `phase_portraits` (pictures of a few bodies or
+many), `gibbs`, `animation`, `html_page` (a page in one file), `web` (what pages share in the
+browser), `viewer` (a page that replays the motion), and `live` (a page that computes it).
 
 A new picture is a function of the Dataset and a line in PICTURES. Views do not import studies; each
 study draws itself in `rigidmc/studies/*/picture.py`. Importing rigidmc imports neither xarray,
