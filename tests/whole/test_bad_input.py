@@ -162,7 +162,7 @@ def test_nothing_is_executed_but_what_was_allowed():
         ("engine/compiler/disk_cache.py", "pickle"),
         ("files/helper_main.py", "exec_module"),
         ("files/user_code.py", "exec_module"),
-        ("import_hook.py", "exec_module"),
+        ("processes/import_hook.py", "exec_module"),
     ]
 
 
