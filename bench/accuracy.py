@@ -87,8 +87,8 @@ def arithmetic():
     Slots count every vector instruction except moves as one, a division of eight numbers as ten,
     and a square root of eight numbers as eighteen. Flops count floating-point operations.
     """
-    from tests.assembly import counted
     from tests.engine.compiler.test_vectorisation import CASES
+    from tests.tools.assembly import counted
 
     members = pilot(scene(EFFECTS["heavy"]), 64)._replace(member_steps=False)
     rows = []

@@ -137,7 +137,7 @@ def true_change(many, kind, i, j):
     """Return the derivative of L of top i after 10 s by omega 1 (j = 0) or by moment 2 (j = 1)."""
     import mpmath as mp
 
-    from tests.reference import taylor
+    from tests.tools.reference import taylor
 
     with mp.workdps(40):
         step, ends = mp.mpf("1e-9"), []

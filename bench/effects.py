@@ -25,7 +25,7 @@ from rigidmc.runs.price import cost_per_step, prices
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
-from tests.assembly import assembly_of, case, counted
+from tests.tools.assembly import assembly_of, case, counted
 
 MEMBERS, STEPS, H = 16384, 300, 0.01
 SCENES = (

@@ -30,7 +30,7 @@ def sets(quick):
 def judge(which):
     """Print one line of JSON for each set, in a separate process."""
     from bench.effects import some
-    from tests.assembly import case, counted
+    from tests.tools.assembly import case, counted
 
     def one(effects):
         began = time.perf_counter()

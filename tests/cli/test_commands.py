@@ -17,7 +17,7 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.cli.directories import refuse_force
 from rigidmc.studies.stress import hard_cases
-from tests.faulty import LINUX
+from tests.tools.faulty import LINUX
 
 COMMAND = [sys.executable, "-c", "from rigidmc.cli import main; main()"]
 

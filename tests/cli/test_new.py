@@ -15,7 +15,7 @@ from rigidmc.cli.new import read_numbers, read_sizes
 from rigidmc.errors import OptionError
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.views.new_scene import SIZES
-from tests.plans import notes_of, plan_of
+from tests.tools.plans import notes_of, plan_of
 
 
 def invoke(*words, **more):

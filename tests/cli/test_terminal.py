@@ -18,7 +18,7 @@ from rigidmc.files.reading import harmless
 from rigidmc.planning.steps import make_time_grid
 from rigidmc.statistics.measures import measure
 from rigidmc.studies.section.points import crossing_of, period_of
-from tests.faulty import LINUX
+from tests.tools.faulty import LINUX
 
 EVIL = "\x1b]0;title\x07\x1b[2J\x9b31m\u202egnp.exe\r\x00\x7f"
 BODY = "[body]\nmoments = [1.0, 2.0, 2.8]\n[start]\nomega = [0.0, 1.0, 0.1]\n"

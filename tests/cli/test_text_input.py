@@ -19,7 +19,7 @@ from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.settings import Run, idle
 from rigidmc.studies.stability_map.case import MAPS
 from rigidmc.studies.stability_map.question import make_request
-from tests.plans import notes_of, plan_of
+from tests.tools.plans import notes_of, plan_of
 
 BODY = rm.Body.from_moments((1.0, 2.0, 2.5))
 HEAVY = rm.Body.from_moments((1.0, 2.0, 2.5), mass=2.0, centre=(0.0, 0.0, 0.1))

@@ -23,7 +23,7 @@ from rigidmc.engine.compile_helper import (
 )
 from rigidmc.engine.compile_time import seconds, split_work
 from rigidmc.engine.compiler.kernels import KernelKey, config, type_key
-from tests.plans import program_of
+from tests.tools.plans import program_of
 
 EVERY = ["gather", "scatter", "initialise", "march", "assess", "record", "advance"]
 
@@ -53,7 +53,7 @@ SCRIPT = """
 import rigidmc as rm
 from rigidmc.engine.compile_helper import compile_in_helper
 from rigidmc.engine.compiler.kernels import is_compiled
-from tests.plans import program_of
+from tests.tools.plans import program_of
 scene = rm.Scene.load("nasa_brick").with_run(integrator="rk4", members=4, t_end=1.0)
 asked = program_of(scene).kernel_keys
 some = [asked["gather"], asked["advance"]]

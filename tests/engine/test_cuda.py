@@ -1,8 +1,8 @@
 """Members on graphics processors, without one.
 
 What a device would run is compiled to PTX and read. The same kernel, compiled for this processor,
-goes through the same launches by a stand-in for the driver (`tests.fake_cuda`), and has to give the
-bits that another machine recorded. None of this says that a device was at hand.
+goes through the same launches by a stand-in for the driver (`tests.tools.fake_cuda`), and has to
+give the bits that another machine recorded. None of this says that a device was at hand.
 """
 
 import math
@@ -68,8 +68,8 @@ from rigidmc.studies import bits
 from rigidmc.studies.bits import cases
 from tests.engine.kernel.test_last_interval import scene as shortened
 from tests.engine.test_bits import EXACT, NAMES, changed
-from tests.fake_cuda import fake as fake
-from tests.plans import plan_of, program_of
+from tests.tools.fake_cuda import fake as fake
+from tests.tools.plans import plan_of, program_of
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning"),

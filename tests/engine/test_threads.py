@@ -18,7 +18,7 @@ from rigidmc.physics.integrators import scheme_of
 from rigidmc.physics.integrators.rk4 import RK4
 from rigidmc.processes.threads import Task, Threads
 from tests.engine.kernel.test_kernel import EFFECTS, EVERYTHING, ROWS, tops
-from tests.kernels import program
+from tests.tools.kernels import program
 
 H, TOTAL, STRIDE, MEMBERS = 0.01, 200, 30, 96
 

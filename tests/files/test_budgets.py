@@ -20,7 +20,7 @@ from rigidmc.files import reading
 from rigidmc.files.netcdf import refuse_hostile
 from rigidmc.mechanics import mesh
 from rigidmc.scene.toml.columns import read_column
-from tests.faulty import LINUX
+from tests.tools.faulty import LINUX
 
 pytestmark = LINUX
 

@@ -14,7 +14,7 @@ import pytest
 import rigidmc as rm
 from rigidmc.files import trial
 from rigidmc.processes import helpers as processes
-from tests.faulty import LINUX
+from tests.tools.faulty import LINUX
 
 ROOT = Path(rm.__file__).parent
 COMMAND = os.path.join(os.path.dirname(sys.executable), "rigidmc")

@@ -15,7 +15,7 @@ from rigidmc.errors import FileError
 from rigidmc.files import opening, outputs
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
-from tests.faulty import LINUX
+from tests.tools.faulty import LINUX
 
 pytestmark = LINUX
 SCENE = """

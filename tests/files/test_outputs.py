@@ -35,9 +35,9 @@ from rigidmc.studies.accuracy import study as accuracy
 from rigidmc.studies.stress import hard_cases, trust
 from rigidmc.studies.stress import picture as stress_picture
 from rigidmc.views import animation
-from tests import torture_outputs
-from tests.faulty import LINUX, limited
-from tests.torture import COMMAND
+from tests.tools import torture_outputs
+from tests.tools.faulty import LINUX, limited
+from tests.tools.torture import COMMAND
 
 pytestmark = LINUX
 
@@ -396,7 +396,7 @@ def test_a_second_signal_leaves_no_more_files_than_the_first(tmp_path, number, c
 
 
 def test_a_broken_stream_changes_no_output(tmp_path):
-    """As `python tests/torture.py --outputs all`."""
+    """As `python tests/tools/torture.py --outputs all`."""
     told = torture_outputs.streams(
         str(tmp_path), ("verify bad",), ("reader gone, unbuffered", "all closed", "full")
     )
@@ -404,7 +404,7 @@ def test_a_broken_stream_changes_no_output(tmp_path):
 
 
 def test_an_output_that_fails(tmp_path):
-    """As `python tests/torture.py --outputs all`."""
+    """As `python tests/tools/torture.py --outputs all`."""
     told = torture_outputs.faults(1, str(tmp_path), random.Random(6), ("consolidate",))
     assert told["faults"] >= 25 and told["wrong files"] == told["left behind"] == 0
     ends = "exit 74, one message", "exit 6, one message, NAME.2", "no harm done, exit 0"
@@ -413,7 +413,7 @@ def test_an_output_that_fails(tmp_path):
 
 @pytest.mark.slow
 def test_every_output_survives(tmp_path):
-    """As `python tests/torture.py --outputs all`."""
+    """As `python tests/tools/torture.py --outputs all`."""
     told = torture_outputs.outputs(3, str(tmp_path), random.Random(6))
     assert (
         told["faults: wrong files"]

@@ -14,7 +14,7 @@ import pytest
 
 from rigidmc.errors import FileError
 from rigidmc.files import trial
-from tests.hostile import CUBE
+from tests.tools.hostile import CUBE
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 

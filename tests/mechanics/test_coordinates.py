@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 from rigidmc.mechanics import coordinates as C
 from rigidmc.mechanics import rotation as R
-from tests import reference
+from tests.tools import reference
 
 RNG = np.random.default_rng(32)
 SOME = "313", "321", "rotation_vector"

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from rigidmc import SceneError, SceneWarning, analyse_free_top, solve_free_top
 from rigidmc.mechanics.rotation import attitude_error, matrix, rotation_vector
 from rigidmc.studies.stress.problems import HARD, PROBLEMS
-from tests import reference
 from tests.mechanics import oracles
+from tests.tools import reference
 
 RNG = np.random.default_rng(42)
 START = (1.0, 0.0, 0.0, 0.0)

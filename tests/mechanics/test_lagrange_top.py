@@ -28,8 +28,8 @@ from rigidmc.mechanics.rotation import (
     product,
 )
 from rigidmc.studies.stress.problems import PROBLEMS
-from tests import reference
 from tests.mechanics import oracles
+from tests.tools import reference
 
 RNG = np.random.default_rng(43)
 I, K = np.array([1.0, 1.0, 0.7]), 1.3

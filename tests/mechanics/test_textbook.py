@@ -16,8 +16,8 @@ from rigidmc.mechanics.free_top import solve_free_top
 from rigidmc.mechanics.lagrange_steady import effective_potential
 from rigidmc.mechanics.lagrange_top import analyse_lagrange_top, solve_lagrange_top
 from rigidmc.mechanics.textbook import jacobi_omega, symmetric_omega
-from tests import reference
-from tests.plans import closed_form
+from tests.tools import reference
+from tests.tools.plans import closed_form
 
 RNG = np.random.default_rng(34)
 A = Rotation.random(rng=RNG).as_matrix()

@@ -12,7 +12,7 @@ from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import OBSERVABLES
-from tests.kernels import make_block, prepare, run
+from tests.tools.kernels import make_block, prepare, run
 
 MEMBERS, END, SAVES = 2000, 6.0, 12
 TIMES = np.linspace(0.0, END, SAVES + 1)[:, None]

@@ -10,7 +10,7 @@ import rigidmc as rm
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.planning import closed_form as closed_form_module
 from rigidmc.planning.tolerance import choose
-from tests.plans import closed_form
+from tests.tools.plans import closed_form
 
 SMALL = {"members": 128}
 

@@ -21,8 +21,8 @@ from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.runs.simulate import simulate
 from rigidmc.studies.closed_form import compare
-from tests import reference
-from tests.plans import closed_form
+from tests.tools import reference
+from tests.tools.plans import closed_form
 
 LAGRANGE = Body.from_moments((0.5, 0.5, 0.2), mass=1.0, centre=(0.0, 0.0, 0.1))
 

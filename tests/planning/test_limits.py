@@ -16,8 +16,8 @@ from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.limits import Limits
 from rigidmc.studies.stress.problems import PROBLEMS
-from tests.kernels import block_of, prepare, run
-from tests.plans import plan_of
+from tests.tools.kernels import block_of, prepare, run
+from tests.tools.plans import plan_of
 
 FREE, HEAVY = PROBLEMS["hairer_free"], (rm.Gravity(1.0),)
 TIGHT = Limits(1e-6, 1e-6, math.inf, 2.0, 1e-9)

@@ -13,8 +13,8 @@ from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.steps import MOST_OWN_STEPS, count_member_steps, rate_bounds
 from rigidmc.runs import blocks
 from rigidmc.studies.stress.problems import PROBLEMS
-from tests.kernels import block_of, prepare, run
-from tests.plans import starts
+from tests.tools.kernels import block_of, prepare, run
+from tests.tools.plans import starts
 
 BODY = rm.Body.from_moments((rm.uniform(0.9, 1.4), 1.5, 2.0), mass=1.0, centre=(0.1, 0.05, 0.2))
 START = rm.Start(

@@ -28,7 +28,7 @@ from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.facts import facts_text
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.studies.stress.hard_cases import load_bounds
-from tests import hostile
+from tests.tools import hostile
 
 fcntl = pytest.importorskip("fcntl", reason="locks, pipes and limits are those of POSIX")
 resource = pytest.importorskip("resource")

@@ -18,7 +18,7 @@ from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.directory.shards import ShardSink
 from tests.runs.test_resume import HISTOGRAM, SCENE, SIZE, changed
-from tests.torture import sums
+from tests.tools.torture import sums
 
 STEPS = 8  # of a call, after each of which blocks are kept
 

@@ -12,7 +12,7 @@ from rigidmc.physics.dynamics.free_flow import free_flow
 from rigidmc.physics.dynamics.quaternions import spin
 from rigidmc.physics.dynamics.rotation_flows import symmetric_flow, turn_by_asymmetry
 from rigidmc.physics.dynamics.so3 import cross
-from tests.derivative_errors import (
+from tests.tools.derivative_errors import (
     AHEAD,
     HARD,
     NAMES,

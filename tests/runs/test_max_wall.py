@@ -12,7 +12,7 @@ from rigidmc.runs import price, segments
 from rigidmc.runs.directory import folder as run_directory
 from rigidmc.runs.directory import tasks
 from tests.runs.test_resume import SCENE
-from tests.torture import sums
+from tests.tools.torture import sums
 
 
 def invoke(*words):

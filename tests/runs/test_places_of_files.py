@@ -16,7 +16,7 @@ from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.price import price
 from tests.runs.test_resume import SCENE
-from tests.torture import sums
+from tests.tools.torture import sums
 
 FEW = SCENE.with_run(members=40)
 

@@ -19,7 +19,7 @@ from rigidmc.physics.effects.protocol import is_random
 from rigidmc.runs.resources import block_of
 from rigidmc.scene.scene import scene_of
 from rigidmc.scene.varied import variable_names
-from tests import random_scenes
+from tests.tools import random_scenes
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 

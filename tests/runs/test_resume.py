@@ -34,9 +34,9 @@ from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.dataset import open_run
 from rigidmc.runs.directory.facts import facts_text
 from rigidmc.runs.directory.folder import RunDirectory
-from tests import torture
-from tests.faulty import LINUX
-from tests.torture import ALONE_COMMAND, COMMAND, sums
+from tests.tools import torture
+from tests.tools.faulty import LINUX
+from tests.tools.torture import ALONE_COMMAND, COMMAND, sums
 
 MEMBERS, SIZE = 1000, 40_000  # five shards of 192 members, the last of them partial
 SCENE = rm.Scene(
@@ -190,7 +190,7 @@ STUDIES = (
 @LINUX
 @pytest.mark.slow
 def test_some_kills(tmp_path):
-    """As `python tests/torture.py --kills 200`, and the twenty kills below."""
+    """As `python tests/tools/torture.py --kills 200`, and the twenty kills below."""
     told = torture.kills(2, str(tmp_path), random.Random(5), 100_000, 1, ("table",))
     assert told["kills"] == 2 and told["torn shards seen"] == 0
     assert told["sha256 equal"] == told["runs resumed to the end"] == told["runs"] >= 1
@@ -200,7 +200,7 @@ def test_some_kills(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["table", "adaptive", *STUDIES])
 def test_twenty_kills(kind, tmp_path):
-    """As `python tests/torture.py --kills 20 --kinds section`."""
+    """As `python tests/tools/torture.py --kills 20 --kinds section`."""
     told = torture.kills(20, str(tmp_path), random.Random(9), names=[kind])
     assert told["kills"] == 20 and told["torn shards seen"] == 0
     assert told["other exit codes"] == told["partial files left"] == 0
@@ -214,7 +214,7 @@ def test_twenty_kills(kind, tmp_path):
     "command", ["run", *(pytest.param(one, marks=pytest.mark.slow) for one in ("extend", "merge"))]
 )
 def test_a_fault_of_every_kind(tmp_path, command):
-    """As `python tests/torture.py --faults all`."""
+    """As `python tests/tools/torture.py --faults all`."""
     told = torture.faults(1, str(tmp_path), random.Random(6), (command,))
     assert told["faults"] >= 10 and told["wrong shards seen"] == 0
     assert (
@@ -256,7 +256,7 @@ import netCDF4
 import rigidmc as rm
 from rigidmc.scene.scene import Scene
 from rigidmc.results.writer import write_columns
-from tests.torture import limited
+from tests.tools.torture import limited
 folder, run, told = sys.argv[1], dict(members=3000, t_end=1.0, every=0.5, save=("omega",)), 0
 scene = Scene.load("tennis_racket").with_run(**run)
 whole = rm.simulate(scene).omega.values

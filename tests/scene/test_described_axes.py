@@ -1,6 +1,6 @@
 """The axes in which a body is described are its axes, in all that a scene says and a result shows.
 
-The truth is Euler's equations with the full tensor, by scipy (`tests.body_truth`).
+The truth is Euler's equations with the full tensor, by scipy (`tests.tools.body_truth`).
 """
 
 import math
@@ -25,8 +25,8 @@ from rigidmc.protocols import (
     scale,
     vertical,
 )
-from tests import body_truth
-from tests.body_truth import Motion, Properties
+from tests.tools import body_truth
+from tests.tools.body_truth import Motion, Properties
 
 END, DT = 3.0, 0.01
 START = {"omega": (0.9, -1.3, 0.7), "attitude": (0.7, -0.1, 0.5, 0.5)}

@@ -19,7 +19,7 @@ from rigidmc.planning.steps import physics
 from rigidmc.planning.units import scale_scene
 from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.quantities import Grid
-from tests.plans import starts
+from tests.tools.plans import starts
 
 N = 20_000
 MOMENTS = (1.0, 2.0, 2.5)

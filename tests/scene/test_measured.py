@@ -19,7 +19,7 @@ from rigidmc.physics.effects.protocol import effect, facts
 from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.units import squared, units_of
 from rigidmc.scene.varied import with_values
-from tests.random_scenes import kinds, scene
+from tests.tools.random_scenes import kinds, scene
 
 BODY = "body.moments = [1.0, 2.0, 2.5]\n"
 AT_REST = BODY + "start.omega = [0.0, 0.0, 0.0]\n"

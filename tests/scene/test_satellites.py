@@ -16,7 +16,7 @@ from rigidmc.mechanics.inertia import symmetric
 from rigidmc.planning.units import scale_scene
 from rigidmc.protocols import Vector, effect
 from rigidmc.results.frames import in_principal_axes
-from tests.plans import starts
+from tests.tools.plans import starts
 
 # a slender satellite with products of inertia, its centre known to 1 cm along its length
 MEAN = np.array([[10.0, 0.2, 0.0], [0.2, 56.0, 0.3], [0.0, 0.3, 60.0]])

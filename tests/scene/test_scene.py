@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import rigidmc as rm
 from rigidmc.planning.steps import _count, make_time_grid
 from rigidmc.scene.library import shipped_names
-from tests.plans import plan_of
+from tests.tools.plans import plan_of
 
 GOOD = """
 title = "test"

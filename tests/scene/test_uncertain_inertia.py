@@ -11,7 +11,7 @@ from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import symmetric, violates_triangle
 from rigidmc.mechanics.log_cholesky import numbers_of, parameters_of, rates_of
 from rigidmc.planning.units import scale_scene
-from tests.plans import starts
+from tests.tools.plans import starts
 
 TENSOR = np.array([[2.0, 0.1, -0.05], [0.1, 2.5, 0.2], [-0.05, 0.2, 3.0]])
 CENTRE, MASS = (0.05, 0.02, -0.1), 12.0

@@ -11,8 +11,8 @@ from rigidmc.scene.body_readers import BodyReaders
 from rigidmc.scene.quantities import draw
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
-from tests.plans import starts
-from tests.units import OTHERS, PLAIN, in_units
+from tests.tools.plans import starts
+from tests.tools.units import OTHERS, PLAIN, in_units
 
 BODY, WEIGHT = rm.Body((1.0, 2.0, 2.5), 1.3, (0.0, 0.1, 0.2)), rm.Gravity(9.81)
 SPIN = {"omega": (0.0, 0.0, 1.0)}

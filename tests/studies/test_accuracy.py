@@ -16,7 +16,7 @@ from rigidmc.planning.tolerance.truth import make_reference
 from rigidmc.studies.accuracy import drift, picture
 from rigidmc.studies.accuracy import work_precision as accuracy
 from rigidmc.views.figures import STYLES
-from tests.axes import faults
+from tests.tools.axes import faults
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 LAGRANGE = rm.Scene(

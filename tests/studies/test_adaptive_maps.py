@@ -18,8 +18,8 @@ from rigidmc.studies.stability_map.pixels import Pixels
 from rigidmc.studies.stability_map.question import make_request, with_borders
 from rigidmc.studies.stability_map.refine import BEGUN, STRIDE, pixel_multiple, refine
 from rigidmc.studies.stability_map.stored import create_map, resume_growing
-from tests import torture
-from tests.faulty import LINUX
+from tests.tools import torture
+from tests.tools.faulty import LINUX
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 SCENE = rm.Scene(
@@ -204,7 +204,7 @@ def test_what_an_adaptive_map_cannot_do_is_refused(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["map", "adaptive"])
 def test_fifty_kills(kind, tmp_path):
-    """As `python tests/torture.py --kills 50 --kinds map`, and of adaptive maps."""
+    """As `python tests/tools/torture.py --kills 50 --kinds map`, and of adaptive maps."""
     told = torture.kills(50, str(tmp_path), random.Random(7), 100_000, 1, [kind])
     assert told["kills"] == 50 and told["torn shards seen"] == 0
     assert told["sha256 equal"] == told["runs resumed to the end"] == told["runs"] >= 1

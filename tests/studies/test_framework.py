@@ -27,8 +27,8 @@ from rigidmc.studies.framework.options import (
     options_of,
 )
 from rigidmc.studies.framework.tasks import Tasks
-from tests.axes import faults
 from tests.studies.examples import command_words, function_of, words_of
+from tests.tools.axes import faults
 
 INVALID, USAGE = 3, 2
 

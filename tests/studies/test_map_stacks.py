@@ -14,7 +14,7 @@ from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.stability_map.question import make_request
 from rigidmc.studies.stability_map.stored import create_map
-from tests.axes import faults
+from tests.tools.axes import faults
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 SCENE = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.4)), start=rm.Start(omega=(1e-3, 1.0, 1e-3)))

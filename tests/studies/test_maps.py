@@ -23,7 +23,7 @@ from rigidmc.studies.stability_map import cases
 from rigidmc.studies.stability_map.case import _FILES, MAPS, case_map
 from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.until import simulate_until
-from tests.axes import faults
+from tests.tools.axes import faults
 
 SIDE, EACH = 12, 4
 # of steps of 1.2 rad, which rk8 takes

@@ -18,7 +18,7 @@ from rigidmc.statistics.intervals import resolution
 from rigidmc.studies.sensitivity.bounds import poincare_constant
 from rigidmc.studies.sensitivity.picture import sensitivity_bars
 from rigidmc.studies.sensitivity.study import indices, table
-from tests.plans import starts
+from tests.tools.plans import starts
 
 
 def test_ishigami():

@@ -40,7 +40,7 @@ from rigidmc.studies.stress.truths import (
     distance_to_closed_form,
     flips,
 )
-from tests.axes import faults
+from tests.tools.axes import faults
 
 
 @cache

@@ -8,7 +8,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.studies.stress import picture, trust
-from tests.axes import faults
+from tests.tools.axes import faults
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 LAGRANGE = rm.Scene(

@@ -17,7 +17,7 @@ from rigidmc.views.closed_forms import (
     lagrange_summary,
     mean_rate,
 )
-from tests.axes import faults
+from tests.tools.axes import faults
 
 SCENE = rm.Scene.load("heavy_top").with_run(members=1)
 MOMENTS, THETA, SPIN = np.array(SCENE.body.moments), 0.4, 200.0

@@ -21,7 +21,7 @@ from rigidmc.views.descriptions import describe_body
 from rigidmc.views.figures import save
 from rigidmc.views.quadric import EYE, TOWARD, Quadric, screen
 from rigidmc.views.sample import DRAWN, MEMBERS, TIMES, omega_or_momentum, thin_result
-from tests.axes import faults
+from tests.tools.axes import faults
 
 MOMENTS = (1.0, 2.0, 3.0)
 STATES = {"omega": "axis", "attitude": "quat"}

@@ -12,7 +12,7 @@ from rigidmc.views.caps import narrow_cap
 from rigidmc.views.figures import new_figure
 from rigidmc.views.quadric import Quadric
 from rigidmc.views.sphere import curves_at_energy
-from tests.axes import faults
+from tests.tools.axes import faults
 
 
 @pytest.fixture(scope="module")

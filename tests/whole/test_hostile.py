@@ -29,8 +29,8 @@ from rigidmc.runs.directory import shards
 from rigidmc.studies.accuracy import study as accuracy
 from rigidmc.studies.stress import hard_cases, trust
 from rigidmc.views import descriptions as estimate
-from tests import hostile, hostile_readers
-from tests.faulty import LINUX
+from tests.tools import hostile, hostile_readers
+from tests.tools.faulty import LINUX
 
 pytestmark = LINUX
 

@@ -13,7 +13,7 @@ import pytest
 import rigidmc as rm
 from rigidmc.physics.observables import OBSERVABLES, WATCHED, WATCHED_STATISTICS
 from rigidmc.physics.observables.protocol import observable
-from tests.plans import carries_attitude
+from tests.tools.plans import carries_attitude
 
 HEAVY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
 TIPS, FLIPS = rm.Passage(3, 0.5), rm.Flips(2)

@@ -10,7 +10,7 @@ import pytest
 import rigidmc as rm
 from rigidmc.planning import notes
 from rigidmc.scene.library import shipped_names
-from tests.pages import scenes
+from tests.tools.pages import scenes
 
 TOP = {"moments": (1.8e-3, 1.8e-3, 5e-4), "mass": 0.5, "centre": (0.0, 0.0, 0.04)}
 # about its centre of mass: 0.5 kg at 0.04 m are 8e-4 kg m2

@@ -18,8 +18,8 @@ from rigidmc.physics.effects import Gravity, ViscousDamping
 from rigidmc.physics.effects.sums import total_energy, total_energy_scale
 from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, integrators_for, scheme_of
 from rigidmc.planning.limits import Limits
-from tests.kernels import make_block, run
-from tests.reference import attitude_error
+from tests.tools.kernels import make_block, run
+from tests.tools.reference import attitude_error
 
 # step times the largest rate of motion [rad]: one panel of the exact drift, 16 iterations of
 # midpoint

@@ -16,10 +16,10 @@ from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import from_numbers, shape
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.tolerance import choose
-from tests import random_scenes
 from tests.physics.effects.laws import Known, moved
-from tests.random_scenes import QUICK, Kind
-from tests.reference import rotation
+from tests.tools import random_scenes
+from tests.tools.random_scenes import QUICK, Kind
+from tests.tools.reference import rotation
 
 # of scipy at 1e-11, relative to the growth of an error over the run; of 400 steps in float32
 FLOOR = {"float64": 3e-8, "float32": 3e-3}

@@ -13,8 +13,8 @@ import pytest
 import rigidmc as rm
 from rigidmc.runs.directory import gather, resume
 from rigidmc.runs.directory.create import create
-from tests import random_scenes
-from tests.random_scenes import QUICK
+from tests.tools import random_scenes
+from tests.tools.random_scenes import QUICK
 
 MEMBERS = 193  # not a multiple of the lanes, and several blocks
 INPUTS = ("moments", "mass", "centre", "start_")

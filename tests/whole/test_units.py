@@ -5,7 +5,7 @@ moments, masses and torques times 1e-20 and 1e20, and times times 1e-6 and 1e6 (
 
     pytest -n 0 -m slow tests/whole/test_units.py
 
-`python -m tests.pure_numbers` prints the table of what they differ by.
+`python -m tests.tools.pure_numbers` prints the table of what they differ by.
 """
 
 import re
@@ -18,9 +18,9 @@ import rigidmc as rm
 from rigidmc.physics.observables import OBSERVABLES, WATCHED, WITH_TABLE
 from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from rigidmc.views.accessor import Rigid
-from tests import units
-from tests.pure_numbers import LIMIT, LIMITS, SEEDS, answer, differences, rows
-from tests.units import BINARY, KINDS, PLAIN, asked, drivers, in_units, observed
+from tests.tools import units
+from tests.tools.pure_numbers import LIMIT, LIMITS, SEEDS, answer, differences, rows
+from tests.tools.units import BINARY, KINDS, PLAIN, asked, drivers, in_units, observed
 
 QUICK = ("section", "rare, event")
 

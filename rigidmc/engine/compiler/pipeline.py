@@ -231,7 +231,7 @@ def in_written_order() -> Iterator[None]:
 
     The bits are the same in any order. In the order of LLVM's scheduler numbers wait in memory for
     their use: with 512 bits splittings are slower; on ARM rk8 with gravity has a fifth more
-    instructions (tests/arm.py).
+    instructions (tests/tools/arm.py).
     """
     if vector_registers() < 32:
         yield

@@ -15,7 +15,7 @@ MEASURED = {
 
 @pytest.mark.slow  # 15 s
 def test_four_members_side_by_side_suit_arm():
-    done = subprocess.run([sys.executable, "-m", "tests.arm"], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-m", "tests.tools.arm"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert set(found) == set(MEASURED)

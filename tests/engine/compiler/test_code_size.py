@@ -8,7 +8,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.engine.compiler.kernels import config, dispatcher_of, signature_of
-from tests.plans import program_of
+from tests.tools.plans import program_of
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 

@@ -17,7 +17,7 @@ from rigidmc.physics.dynamics.so3 import cross, vertical
 from rigidmc.physics.effects import Gravity, ViscousDamping
 from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, rk4, scheme_of
 from rigidmc.physics.integrators.rk4 import RK4, ScaledRK4
-from tests.assembly import ARITHMETIC, LIBM, STORE, Case, blocks_of, case, counted, loop_of
+from tests.tools.assembly import ARITHMETIC, LIBM, STORE, Case, blocks_of, case, counted, loop_of
 
 pytestmark = pytest.mark.skipif(
     platform.machine().lower() not in ("x86_64", "amd64"), reason="reads x86-64 assembly"

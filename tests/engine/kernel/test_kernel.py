@@ -22,7 +22,7 @@ from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, integrators_for
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.physics.observables.protocol import size
 from rigidmc.studies.stress.problems import PROBLEMS
-from tests.kernels import block_of, make_block, program, run, slots
+from tests.tools.kernels import block_of, make_block, program, run, slots
 
 EFFECTS = Gravity(9.81), ViscousDamping(0.1)
 EVERYTHING = tuple(kind() for kind in OBSERVABLES.values())

@@ -8,7 +8,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects.protocol import parameter_count
 from rigidmc.planning.initial import block_rows, work_flags
-from tests.plans import monitors_of
+from tests.tools.plans import monitors_of
 
 SAVES = ((), ("work",), ("flips",), ("energy_mean", "omega_max", "nutation"), ("megno", "work"))
 

@@ -25,7 +25,7 @@ from rigidmc.physics.dynamics.methods import OFF, ON, flag
 from rigidmc.physics.effects import Bath
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, scheme_of
-from tests.kernels import make_block
+from tests.tools.kernels import make_block
 
 KEY, STREAM, STEP = key_of(5), np.uint64(stream_of("effects.bath.noise")), np.uint64(12345)
 ONE = np.uint64(1)

@@ -18,8 +18,8 @@ from rigidmc.physics.dynamics.so3 import add, add_compensated, apply_rotation, m
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.free_motion import FreeSteps
 from rigidmc.studies.stress.problems import HARD, PROBLEMS
-from tests.kernels import make_block, prepare, run, turn_rate_of
-from tests.reference import attitude_error, rotation, taylor
+from tests.tools.kernels import make_block, prepare, run, turn_rate_of
+from tests.tools.reference import attitude_error, rotation, taylor
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 TILTED = (0.5, -0.1, 0.7, math.sqrt(0.25))

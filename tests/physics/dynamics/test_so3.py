@@ -36,7 +36,7 @@ from rigidmc.physics.dynamics.so3 import (  # fmt: skip
     two_sum,
     vertical,
 )
-from tests.reference import hat, rodrigues, rotation, unit
+from tests.tools.reference import hat, rodrigues, rotation, unit
 
 compiled_sincos = njit(**FLAGS)(lambda x: so3.sincos(x))
 compiled_expm1 = njit(**FLAGS)(lambda x: so3.expm1(x))

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from tests.reference import rotation
+from tests.tools.reference import rotation
 
 
 class Known(NamedTuple):

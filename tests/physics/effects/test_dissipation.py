@@ -12,7 +12,7 @@ from rigidmc.physics.effects import EnergyDissipation, Rotor
 from rigidmc.physics.effects.protocol import kick
 from tests.physics.effects.test_effects import BODY, kick_error, reference_error, some_states
 from tests.physics.effects.test_physics import ONE, moved
-from tests.reference import rotation
+from tests.tools.reference import rotation
 
 WHEEL = Rotor((0.5, -0.3, 0.8), (0.05, 0.02, -0.04))
 BESIDE = EnergyDissipation(0.3, *WHEEL)

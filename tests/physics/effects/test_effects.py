@@ -45,7 +45,7 @@ from rigidmc.physics.effects.protocol import (
 )
 from rigidmc.physics.effects.sums import kick_all, kick_all_back, push, total_energy, total_torque
 from tests.physics.effects.laws import REFERENCE, Known, symmetric
-from tests.reference import rotation, unit
+from tests.tools.reference import rotation, unit
 
 MOMENTS, STATIC = (0.6, 0.8, 1.0), (0.05, -0.02, 0.3)
 BODY, KNOWN = MassProperties.of(MOMENTS, STATIC), Known(MOMENTS, STATIC)

@@ -12,8 +12,8 @@ from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects import canonical
 from rigidmc.physics.effects.protocol import from_numbers, numbers
 from rigidmc.physics.integrators import INTEGRATORS
-from tests.kernels import make_block, one_step, prepare, run
 from tests.physics.effects.test_effects import EXAMPLES, MOMENTS, STATIC
+from tests.tools.kernels import make_block, one_step, prepare, run
 
 STEPS, H, MEMBERS = 5, 0.02, 4
 

@@ -25,10 +25,10 @@ from rigidmc.physics.effects import (
     UniformField,
 )
 from rigidmc.physics.integrators import INTEGRATORS
-from tests.kernels import one_step, prepare
 from tests.physics.effects.laws import REFERENCE, SLIPS
 from tests.physics.effects.test_effects import EXAMPLES, KNOWN, MOMENTS, STATIC
-from tests.reference import attitude_error, rotation, unit
+from tests.tools.kernels import one_step, prepare
+from tests.tools.reference import attitude_error, rotation, unit
 
 ONE = (1.0, 0.0, 0.0, 0.0)
 

@@ -20,7 +20,7 @@ from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.tolerance import choose
 from rigidmc.protocols import effect
 from rigidmc.studies.stress.trust import trust
-from tests.kernels import one_step, prepare
+from tests.tools.kernels import one_step, prepare
 
 BODY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
 START = rm.Start(omega=(0.1, 1.0, 0.2), attitude="uniform")

@@ -17,9 +17,9 @@ from rigidmc.physics.effects import BodyTorque, Gravity, QuadraticDrag, ViscousD
 from rigidmc.physics.effects.protocol import depends_on_momentum, from_numbers, numbers
 from rigidmc.physics.effects.sums import total_energy, untracked_work
 from rigidmc.physics.integrators import INTEGRATORS, integrators_for
-from tests.kernels import one_step, prepare
 from tests.physics.effects.test_effects import EXAMPLES, MOMENTS, STATIC
-from tests.reference import unit
+from tests.tools.kernels import one_step, prepare
+from tests.tools.reference import unit
 
 BODY = MassProperties.of(MOMENTS, STATIC)
 Q, L = unit((0.5, -0.3, 0.7, 0.2)), (0.4, -0.3, 0.5)

@@ -17,7 +17,7 @@ from rigidmc.physics.effects import Gravity, ViscousDamping
 from rigidmc.physics.integrators import INTEGRATORS, integrators_for
 from rigidmc.physics.observables import Attitude, Energy, Momentum
 from rigidmc.studies.stress.problems import PROBLEMS
-from tests.kernels import (
+from tests.tools.kernels import (
     block_of,
     make_block,
     march,
@@ -27,7 +27,7 @@ from tests.kernels import (
     turn,
     turn_rate_of,
 )
-from tests.reference import NAIVE, attitude_error, naive_rk4, rotation, true_end
+from tests.tools.reference import NAIVE, attitude_error, naive_rk4, rotation, true_end
 
 FREE, HEAVY = PROBLEMS["hairer_free"], PROBLEMS["hairer_heavy"]
 DAMPING = 0.1

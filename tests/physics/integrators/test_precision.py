@@ -10,9 +10,9 @@ from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.studies.stress.problems import PROBLEMS
 from rigidmc.views.descriptions import single_precision
-from tests.kernels import block_of, march, prepare, run, turn
-from tests.plans import plan_of
-from tests.reference import attitude_error, true_end
+from tests.tools.kernels import block_of, march, prepare, run, turn
+from tests.tools.plans import plan_of
+from tests.tools.reference import attitude_error, true_end
 
 HEAVY = PROBLEMS["hairer_heavy"]
 

@@ -12,8 +12,8 @@ from rigidmc.physics.dynamics.euler import kinetic_energy
 from rigidmc.physics.effects.sums import total_energy
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.studies.stress.problems import PROBLEMS
-from tests.kernels import block_of, march, one_step, prepare, run, stepping, turn
-from tests.reference import attitude_error, naive_rkmk4, rotation
+from tests.tools.kernels import block_of, march, one_step, prepare, run, stepping, turn
+from tests.tools.reference import attitude_error, naive_rkmk4, rotation
 
 NASA_DATA = Path(__file__).parents[3].parent / "shared" / "data"
 

@@ -15,8 +15,8 @@ from rigidmc.physics.effects.sums import total_torque
 from rigidmc.physics.integrators import INTEGRATORS, description, integrators_for, rk8
 from rigidmc.physics.integrators.protocol import precompute, step, to_stepping
 from rigidmc.studies.stress.problems import PROBLEMS
-from tests.kernels import one_step, prepare, turn
-from tests.reference import attitude_error
+from tests.tools.kernels import one_step, prepare, turn
+from tests.tools.reference import attitude_error
 
 FREE = PROBLEMS["hairer_free"]
 SECONDS = 2.0

@@ -10,8 +10,8 @@ import pytest
 
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.studies.stress.problems import PROBLEMS
-from tests.kernels import march, prepare, turn
-from tests.reference import true_end
+from tests.tools.kernels import march, prepare, turn
+from tests.tools.reference import true_end
 
 # body of Hairer & Vilmart to t = 10: largest error of the components of L and q after 50, 100, 200,
 # 400 and 800 steps

@@ -21,7 +21,7 @@ from rigidmc.planning import plan as plan_module
 from rigidmc.planning.steps import rate_bounds
 from rigidmc.planning.tolerance import choose
 from rigidmc.scene.recording import make_recording
-from tests.plans import closed_form, plan_of, starts
+from tests.tools.plans import closed_form, plan_of, starts
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 

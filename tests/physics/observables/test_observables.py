@@ -23,8 +23,8 @@ from rigidmc.physics.observables.protocol import (
     update,
     value,
 )
-from tests.kernels import one_step, prepare
-from tests.reference import rotation
+from tests.tools.kernels import one_step, prepare
+from tests.tools.reference import rotation
 
 MOMENTS, STATIC = np.array([0.6, 0.8, 1.0]), np.array([0.1, -0.2, 0.3])
 BODY = MassProperties.of(tuple(MOMENTS), tuple(STATIC))

@@ -21,11 +21,11 @@ from typer.testing import CliRunner
 
 from rigidmc.cli import app
 from rigidmc.files import trial
-from tests.faulty import LINUX
-from tests.hostile import NUMBERS, bytes_of, hostile_kind
-from tests.hostile_readers import MESHES, hostile_mesh
 from tests.scene.body_files.test_cad_text import particles, solidworks
 from tests.scene.body_files.test_robots import joint, link, mjcf, robot
+from tests.tools.faulty import LINUX
+from tests.tools.hostile import NUMBERS, bytes_of, hostile_kind
+from tests.tools.hostile_readers import MESHES, hostile_mesh
 
 pytestmark = LINUX
 

@@ -15,8 +15,8 @@ import unittest.mock
 import netCDF4
 import xarray as xr
 
-from tests.faulty import at_call, limited, places
-from tests.torture import SIGNALS
+from tests.tools.faulty import at_call, limited, places
+from tests.tools.torture import SIGNALS
 
 OLD = b"precious"
 SCENE = [
@@ -291,7 +291,7 @@ def server():
             "rigidmc.runs.directory.resume",
             "rigidmc.views.ensemble",
             "rigidmc.views.animation",
-            "tests.torture_outputs",
+            "tests.tools.torture_outputs",
         ]
     )
 

@@ -1,6 +1,7 @@
 """What outputs survive, with closing tables.
 
-python tests/torture.py --kills 200 --faults all --corrupt 500 --lost 6 --outputs all --cache 9
+python tests/tools/torture.py --kills 200 --faults all --corrupt 500 --lost 6 --outputs all
+    --cache 9
 
 --kills N    Start a run, end it by SIGKILL, SIGTERM, SIGINT or SIGHUP at a random moment, resume it
              until it is complete. After the last three, no partial file is left.
@@ -41,12 +42,13 @@ import subprocess
 import sys
 import tempfile
 import time
+from pathlib import Path
 from typing import NamedTuple
 
-# the folder of this script is tests/
-sys.path[:0] = [os.path.dirname(os.path.dirname(os.path.abspath(__file__)))]
+# the folder of this script is tests/tools
+sys.path[:0] = [str(Path(__file__).parents[2])]
 
-from tests.faulty import at_call, delay, limited, places  # noqa: E402
+from tests.tools.faulty import at_call, delay, limited, places  # noqa: E402
 
 COMMAND = [sys.executable, "-c", "from rigidmc.cli import main; main()"]
 # the same without a second process that compiles, which takes two cores and more of both
@@ -576,7 +578,7 @@ def main():
     words.add_argument("--seed", type=int, default=1)
     given = words.parse_args()
     some = random.Random(given.seed)
-    from tests.torture_outputs import outputs
+    from tests.tools.torture_outputs import outputs
 
     for name, work, count in (
         ("kills", functools.partial(kills, names=given.kinds), given.kills),

@@ -1,4 +1,4 @@
-"""The machine code of steps for ARM, made on any computer: `python -m tests.arm` counts it."""
+"""The machine code of steps for ARM, on any computer: `python -m tests.tools.arm` counts it."""
 
 import json
 import os
@@ -47,7 +47,7 @@ def loop_of(assembly):
 def counted():
     """{integrator, with gravity or not: {members side by side: what a member and step takes}}."""
     from rigidmc.physics.effects import Gravity
-    from tests.assembly import assembly_of, case
+    from tests.tools.assembly import assembly_of, case
 
     found = {}
     for name, weight in CASES:

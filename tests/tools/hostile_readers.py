@@ -1,5 +1,5 @@
 """Hostile zarr stores, meshes, maps, tables of bounds, parquet files, options and expressions, and
-run directories with links and pipes; the other readers are in `tests.hostile`."""
+run directories with links and pipes; the other readers are in `tests.tools.hostile`."""
 
 import json
 import os
@@ -12,7 +12,7 @@ import typer
 
 import rigidmc as rm
 from rigidmc.cli import app
-from tests.hostile import (
+from tests.tools.hostile import (
     BOUNDS,
     CUBE,
     NUMBERS,

@@ -1,4 +1,4 @@
-"""Build sdist and wheel and try every command of both: python tests/wheel.py [--keep DIR].
+"""Build sdist and wheel and try every command of both: python tests/tools/wheel.py [--keep DIR].
 
 Each is installed in a fresh virtual environment and used in an empty folder, so that a command
 which needs a file of the repository fails. Needs the package `build`; takes 10 minutes, mostly for
@@ -12,7 +12,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 # In this order: later commands read what earlier ones write. All of them must exit with 0.
 COMMANDS = """

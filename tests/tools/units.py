@@ -1,4 +1,4 @@
-"""Scenes, and all that is asked of them, in other units; `tests.pure_numbers` compares.
+"""Scenes, and all that is asked of them, in other units; `tests.tools.pure_numbers` compares.
 
 A Units has factors of masses and of times; lengths stay, so that moments and torques have the
 factor of the mass at fixed times. `asked(scene, units)` gives {function: function of no argument}

@@ -16,7 +16,7 @@ import rigidmc as rm
 from rigidmc.runs import prepare as preparing
 from rigidmc.scene.library import shipped_names
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))]
 CODE = re.compile(r"(?m)^```(?:\{code-cell\}.*|python)\n(?:^:.*\n)*([\s\S]*?)^```")
 TOML = re.compile(r"(?m)^```toml\n([\s\S]*?)^```")

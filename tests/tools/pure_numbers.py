@@ -2,7 +2,7 @@
 
 The table of the worst differences, kind of scene by kind, as tests/whole/test_units.py holds them::
 
-    python -m tests.pure_numbers [KIND ...]
+    python -m tests.tools.pure_numbers [KIND ...]
 """
 
 import math
@@ -16,8 +16,8 @@ import numpy as np
 import xarray as xr
 
 import rigidmc as rm
-from tests import units
-from tests.units import (
+from tests.tools import units
+from tests.tools.units import (
     KINDS,
     OTHERS,
     PLAIN,

@@ -4,7 +4,7 @@ The example of every effect with every integrator that takes it, and hard bodies
 formulas switch. Derivatives by components of the start, moments, every number of the effect, and
 means and widths of distributions. The errors of each pair, and the largest (half an hour)::
 
-    python -m tests.derivative_errors [INTEGRATOR ...]
+    python -m tests.tools.derivative_errors [INTEGRATOR ...]
 
 A difference of steps of 1 % of a parameter leaves 1e-13 of the values by rounding. Where a step has
 a kink the differences are of one side: the derivative is that of the side on which the value is.
