@@ -3,6 +3,7 @@ directory, result, picture, and what they refuse."""
 
 import inspect
 import math
+import re
 
 import numpy as np
 import pytest
@@ -140,6 +141,28 @@ def test_wrong_options_are_refused(name, here):
             assert f"--{one.name} = 0: expected an integer" in said
     with pytest.raises(rm.SceneError, match="is a int; expected a Scene"):
         study(3, **study.example.options)
+
+
+@pytest.mark.parametrize("name", [name for name in STUDIES if load_study(name).variables])
+def test_variables_are_as_declared(name, studied):
+    """Their names, dimensions and long names; members also bring their starts."""
+    declared = {one.name: one for one in load_study(name).variables}
+    page = inspect.getdoc(load_study(name))
+    for key, variable in studied(name).data_vars.items():
+        one = declared.get(re.sub("_(low|high)$", "", key)) or declared.get(key)
+        if one is None:
+            assert key.startswith("start_")
+            continue
+        assert variable.dims == tuple(one.dims.split())
+        assert variable.attrs["long_name"].startswith(one.text.partition("{")[0])
+        assert f"`{key}`" in page
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_study_names_its_scene_and_version(name, studied):
+    attrs = studied(name).attrs
+    assert attrs["source"].startswith("rigidmc ") and attrs["title"]
+    assert rm.Scene.loads(attrs["scene"])
 
 
 @pytest.mark.parametrize("name", STUDIES)

@@ -390,7 +390,7 @@ def test_the_tests_over_all_studies_take_that_of_the_recipe(recurrence):
     files = "tests/studies/test_framework.py", "tests/whole/test_docstrings.py"
     ended = run(recurrence, "-m", "pytest", "-q", "-n", "0", "-k", "recurrence", *files, jit=True)
     assert ended.returncode == 0, ended.stdout[-3000:]
-    assert int(ended.stdout.split(" passed")[0].split()[-1]) == 8, ended.stdout
+    assert int(ended.stdout.split(" passed")[0].split()[-1]) == 10, ended.stdout
 
 
 def blocks(language):

@@ -15,13 +15,7 @@ Physica D 17 (1985) 125.
 
 {parameters}
 
-Returns
--------
-xarray.Dataset
-    over distance: `uncertain`, the uncertain fraction of starts, with its interval, nan where a
-    perturbation is below rounding; `alpha` and `dimension` with their intervals, nan if fewer than
-    three distances have more than 10 uncertain starts; over family `basin` (measure i adds 2^i if
-    it holds, -1 for families left out); over family and number (a parameter) `start`
+{returns}
 
 Raises
 ------
@@ -36,8 +30,8 @@ A disc spins one way or the other: the boundary is a point on the line, of dimen
 
 >>> start = rm.Start(omega=(0.0, 0.0, rm.uniform(-1.0, 2.0)))
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
->>> found = rm.basins(scene, "p(omega_last[3] >= 0)", 8000, dt=0.1, t_end=0.1)
->>> bool(found.dimension_low < 0.0 < found.dimension_high)
+>>> study = rm.basins(scene, "p(omega_last[3] >= 0)", 8000, dt=0.1, t_end=0.1)
+>>> bool(study.dimension_low < 0.0 < study.dimension_high)
 True
 """
 
@@ -75,11 +69,28 @@ from rigidmc.studies.framework.options import (
     option,
 )
 from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
 
 Array = NDArray[np.float64]
 SAMPLE = 64  # families for each parameter, to compare distances with rounding
 RESOLVED = 8.0  # least distance, in units of the resolution: it is then known to an eighth
 LEAST = 10  # a fraction counts in the fit above this number of uncertain families
+VARIABLES = (
+    StudyVariable(
+        "uncertain", "distance", "1", "uncertain fraction of starts",
+        "nan where a perturbation is below rounding", has_interval=True,
+    ),
+    StudyVariable(
+        "alpha", "", "1", "exponent of the uncertain fraction",
+        "nan if fewer than three distances have more than 10 uncertain starts", has_interval=True,
+    ),
+    StudyVariable("dimension", "", "1", "dimension of the boundary", has_interval=True),
+    StudyVariable(
+        "basin", "family", "", "basin in which the first member ends",
+        "measure i adds 2^i if it holds; -1 for families left out",
+    ),
+    StudyVariable("start", "family number", "", "parameter of the first member"),
+)  # fmt: skip
 
 
 class BasinOptions(Options):
@@ -118,9 +129,9 @@ def exponent(uncertain: NDArray[np.bool_], largest: float, confidence: float = 0
         return Interval(math.nan, math.nan, math.nan)
     value, step = _slope(share, count, largest), 1e-6
     slopes = [
-        _slope(share * (1.0 + step * one), count, largest)
-        - _slope(share * (1.0 - step * one), count, largest)
-        for one in np.eye(share.size)
+        _slope(share * (1.0 + step * at), count, largest)
+        - _slope(share * (1.0 - step * at), count, largest)
+        for at in np.eye(share.size)
     ]
     rates = np.array(slopes) / (2.0 * step * np.maximum(share, 1.0 / count))
     each = rates @ (uncertain - share[:, None])
@@ -159,10 +170,8 @@ def fitted_line(study: xr.Dataset) -> Array:
     weight, logs = _weights(share, count, study.attrs["largest"]), np.log(study.distance.values)
     # as in `_slope`
     middle = (weight * np.log(np.maximum(share, 1e-300))).sum() / weight.sum()
-    found: Array = np.exp(
-        middle + float(study.alpha) * (logs - (weight * logs).sum() / weight.sum())
-    )
-    return found
+    line = middle + float(study.alpha) * (logs - (weight * logs).sum() / weight.sum())
+    return np.asarray(np.exp(line))
 
 
 def is_resolved(scene: Scene) -> NDArray[np.bool_]:
@@ -183,8 +192,7 @@ def is_resolved(scene: Scene) -> NDArray[np.bool_]:
         moved = np.sqrt(((families - families[..., :1]) ** 2).sum(axis=0))
         with np.errstate(invalid="ignore", divide="ignore"):
             apart = np.fmax(apart, np.nan_to_num(moved / length[:, None]))
-    told: NDArray[np.bool_] = (apart[:, 1:] > RESOLVED * resolution_of(scene)).mean(axis=0) > 0.95
-    return told
+    return np.asarray((apart[:, 1:] > RESOLVED * resolution_of(scene)).mean(axis=0) > 0.95)
 
 
 def _share_of(text: str, variables: Variables, may_save_more: bool = True) -> Measure:
@@ -200,80 +208,65 @@ def _share_of(text: str, variables: Variables, may_save_more: bool = True) -> Me
 def _ends(part: xr.Dataset, measures: Sequence[Measure]) -> Array:
     """Return the basins of members (n,): the sum of 2^i over the measures i that hold; nan for
     members that are flagged or have no value."""
-    ends: Array = np.sum([one.numbers(part) * 2.0**i for i, one in enumerate(measures)], axis=0)
-    return ends
+    holds = [measure.numbers(part) for measure in measures]
+    return np.asarray(np.sum([x * 2.0**i for i, x in enumerate(holds)], axis=0))
 
 
 def reduce(batches: Batches, options: BasinOptions) -> xr.Dataset:
     """Return the Dataset of the study of members. Incomplete families of an unfinished run are left
     out."""
-    scene, confidence = batches.scene, options.confidence
-    known, may_save_more = batches.variables, batches.stored is None
-    measures = [_share_of(text, known, may_save_more) for text in options.of]
-    names, dimensions = uncertain_numbers(scene.model)
+    run, model = batches.scene.run, batches.scene.model
+    may_save_more = batches.stored is None
+    measures = [_share_of(text, batches.variables, may_save_more) for text in options.of]
+    names, dimensions = uncertain_numbers(model)
     size = NeighbourFamilies.size
-    count = -(-(scene.run.first + scene.run.members) // size)
+    count = -(-(run.first + run.members) // size)
     ends, start = np.full(count * size, np.nan), np.full((count, len(names)), np.nan)
     units = ["1"] * len(names)
     for part in batches.results:
         member = part.member.values
         ends[member] = _ends(part, measures)
-        own = member % size == 0
+        is_first = member % size == 0
         for i, name in enumerate(names):
             values, units[i] = start_numbers(part, name)
-            start[member[own] // size, i] = values[own]
+            start[member[is_first] // size, i] = values[is_first]
     families = ends.reshape(count, size)
     there = np.isfinite(families).all(axis=1)
     uncertain = (families[there, 1:] != families[there, :1]).T
-    _, each = np.unique(families[there, 0], return_counts=True)
-    told = is_resolved(scene)
-    uncertain &= told[:, None]
-    largest = 1.0 - float(((each / max(1, there.sum())) ** 2).sum())
-    alpha, d = exponent(uncertain, largest, confidence), len(dimensions)
-    found = probability(uncertain.sum(axis=1), uncertain.shape[1], confidence)
-    shares = Interval(*(np.where(told, x, np.nan) for x in found))
-    variables: dict[str, Any] = {}
-    for key, text, dims, found in (
-        ("uncertain", "uncertain fraction of starts", ("distance",), shares),
-        ("alpha", "exponent of the uncertain fraction", (), alpha),
-        ("dimension", "dimension of the boundary", (), Interval(*(d - x for x in _turned(alpha)))),
-    ):
-        for end, value in zip(("", "_low", "_high"), found, strict=True):
-            variables[key + end] = dims, value, {"long_name": text, "units": "1"}
-    basin = np.where(there, families[:, 0], -1.0).astype(int)
-    variables["basin"] = "family", basin, {"long_name": "basin in which the first member ends"}
-    about = {"long_name": "parameter of the first member"}
-    variables["start"] = ("family", "number"), start, about
+    _, sizes = np.unique(families[there, 0], return_counts=True)
+    resolved = is_resolved(batches.scene)
+    uncertain &= resolved[:, None]
+    largest = 1.0 - float(((sizes / max(1, there.sum())) ** 2).sum())
+    alpha, d = exponent(uncertain, largest, options.confidence), len(dimensions)
+    shares = probability(uncertain.sum(axis=1), uncertain.shape[1], options.confidence)
+    found: dict[str, Any] = {
+        "uncertain": [np.where(resolved, x, np.nan) for x in shares],
+        "alpha": alpha,
+        "dimension": (d - alpha.value, d - alpha.high, d - alpha.low),
+        "basin": np.where(there, families[:, 0], -1.0).astype(int),
+        "start": start,
+    }
     distance = ("distance", np.array(DISTANCES), {"long_name": "distance in probability"})
     coordinates = {"distance": distance, "number": names, "units": ("number", units)}
     attrs = {
-        "title": scene.title,
         "of": [one.text for one in measures],
-        "confidence": confidence,
-        "members": int(scene.run.members),
+        "confidence": options.confidence,
+        "members": int(run.members),
         "numbers": d,
         "largest": largest,
-        "unresolved": int((~told).sum()),
+        "unresolved": int((~resolved).sum()),
         "left_out": int((~there).sum()),
-        "scene": scene.dumps(),
     }
-    return xr.Dataset(variables, coordinates, attrs)
-
-
-def _turned(found: Interval) -> Interval:
-    """Swap the ends of an interval, before its sign changes."""
-    return Interval(found.value, found.high, found.low)
+    return make_dataset(VARIABLES, found, coordinates, attrs)
 
 
 def basin_names(study: xr.Dataset) -> dict[int, str]:
     """Return {basin: the conditions that define it} for the basins in which a start ends."""
     texts = [of.strip().removeprefix("p(").removesuffix(")") for of in np.atleast_1d(study.of)]
     return {
-        int(one): ", ".join(
-            text if int(one) >> i & 1 else f"not {text}" for i, text in enumerate(texts)
-        )
-        for one in np.unique(study.basin.values)
-        if one >= 0
+        basin: ", ".join(text if basin >> i & 1 else f"not {text}" for i, text in enumerate(texts))
+        for basin in map(int, np.unique(study.basin.values))
+        if basin >= 0
     }
 
 
@@ -282,23 +275,19 @@ def table(study: xr.Dataset) -> list[str]:
     basin = study.basin.values
     counts = int((basin >= 0).sum())
     lines = [f"{study.attrs['title']}: {count_text(counts, 'start')}, each perturbed 12 times"]
-    for one, text in basin_names(study).items():
-        lines.append(f"  {(basin == one).sum() / counts:7.1%} end with {text}")
+    for number, text in basin_names(study).items():
+        lines.append(f"  {(basin == number).sum() / counts:7.1%} end with {text}")
     lines.append(f"  {'distance':>10s}  uncertain")
     for k in np.flatnonzero(study.uncertain.notnull().values):
-        share, low, high = (float(study[f"uncertain{end}"][k]) for end in ("", "_low", "_high"))
+        share, low, high = interval_of(study.isel(distance=k), "uncertain")
         lines.append(f"  {float(study.distance[k]):10.3g}  {share:.4f} ({low:.4f} to {high:.4f})")
     if math.isnan(float(study.alpha)):
         lines.append("  too few distances with uncertain starts for an exponent: add families")
     else:
-        lines += [
-            f"  {word} = {float(study[key]):.3f} ({float(study[f'{key}_low']):.3f} to"
-            f" {float(study[f'{key}_high']):.3f})"
-            for word, key in (
-                ("alpha", "alpha"),
-                (f"dimension of the boundary, {study.attrs['numbers']} - alpha,", "dimension"),
-            )
-        ]
+        dimension = f"dimension of the boundary, {study.attrs['numbers']} - alpha,"
+        for name, words in (("alpha", "alpha"), ("dimension", dimension)):
+            value, low, high = interval_of(study, name)
+            lines.append(f"  {words} = {value:.3f} ({low:.3f} to {high:.3f})")
     if rounded := study.attrs["unresolved"]:
         lines.append(
             f"  distances left out because perturbed starts differ by rounding alone: {rounded}"
@@ -315,6 +304,7 @@ basins = Study(
     options=BasinOptions,
     work=Members(scene_of_neighbours, reduce, batch=2**17, points="neighbours"),
     table=table,
+    variables=VARIABLES,
     picture="basins_and_shares",
     settings=TUNING,
     scene_text="a scene, its file, or the name of a shipped scene, with t_end long enough to reach"

@@ -8,6 +8,7 @@ import xarray as xr
 from rigidmc.errors import OptionError
 from rigidmc.processes.progress import announce
 from rigidmc.scene.scene import Scene
+from rigidmc.studies.framework.variables import describe
 
 
 class Direct(NamedTuple):
@@ -43,7 +44,8 @@ class Direct(NamedTuple):
     ) -> xr.Dataset:  # fmt: skip
         """Compute the study now, on the CPU."""
         with announce(progress):
-            return self.run(scene, options, threads, progress)
+            dataset = self.run(scene, options, threads, progress)
+        return dataset if scene is None else describe(dataset, scene)
 
     def stored(
         self, name: str, result: Any, options: Any, threads: int | None, allow_code: bool

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import OptionError, SceneError, SceneWarning
+from rigidmc.errors import OptionError, SceneError, SceneWarning, warn
 from rigidmc.files.outputs import Path
 from rigidmc.mechanics.euler_angles import TEXTBOOK, angle_names
 from rigidmc.physics.dynamics.body_axes import body_axes
@@ -30,12 +30,13 @@ from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.price import price
 from rigidmc.runs.resources import refuse_count
-from rigidmc.runs.simulate import simulate
+from rigidmc.scene.drifts import one_way
 from rigidmc.scene.sampling import FamilyDesign
 from rigidmc.scene.save_times import settled
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.statistics.measures import Variables, save_for_measures
 from rigidmc.studies.framework.options import keywords_of
+from rigidmc.studies.framework.variables import describe
 
 
 def compute_batches(
@@ -51,46 +52,30 @@ def compute_batches(
     progress : a function of (members done, all); or True for the cost of the study and a bar
     reduce : the evaluation of a result, for its cost
     """
+    first, count = scene.run.first, scene.run.members
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
-        # the strata of all members, not of a batch
-        scene = scene.with_run(strata=scene.run.first + scene.run.members)
+        scene = scene.with_run(strata=first + count)  # of all members, not of a batch
     with announce(progress):
-        told = scene.run.integrator == "auto"
-        if told:
-            scene = _chosen(scene)
+        run = prepare_scene(first_and_last(scene))
+        for note in (*run.notes, *([run.choice.short] if run.choice else [])):
+            if note:
+                warn(note)
         if progress is True:
-            say(str(price(scene, reduce, threads, device=device)))
-        stated = first_and_last(scene)
-        with reporter(progress is True, scene.run.members, 1) as report:
-            for members in _ranges(scene, size):
+            say(str(price(run.scene, reduce, threads, device=device)))
+        with reporter(progress is True, count, 1) as report:
+            for low in range(first, first + count, size):
+                members = range(low, min(low + size, first + count))
                 with warnings.catch_warnings():
-                    if told:
+                    if low > first:
                         warnings.simplefilter("ignore", SceneWarning)
-                    part = simulate(stated, members=members, threads=threads, device=device)
-                told = True
+                    part = run.run(members=members, threads=threads, device=device)
+                    if line := one_way(part):
+                        warn(line)
                 yield part
                 report.step(len(members))
                 report.poll()
                 if callable(progress):
-                    progress(members.stop - scene.run.first, scene.run.members)
-
-
-def _ranges(scene: Scene, size: int) -> Iterator[range]:
-    """Yield the members of a scene, `size` at a time."""
-    first, stop = scene.run.first, scene.run.first + scene.run.members
-    for low in range(first, stop, size):
-        yield range(low, min(low + size, stop))
-
-
-def _chosen(scene: Scene) -> Scene:
-    """Return the scene with the integrator and step that its tolerance chooses, once for all
-    batches; give its notes."""
-    run = prepare_scene(scene)
-    assert run.choice is not None
-    for note in (*run.notes, run.choice.short):
-        if note:
-            warnings.warn(note, SceneWarning, stacklevel=3)
-    return run.scene
+                    progress(members.stop - first, count)
 
 
 def split_result(result: xr.Dataset, size: int) -> Iterator[xr.Dataset]:
@@ -168,7 +153,7 @@ class Members(NamedTuple):
         size = self.batch if isinstance(self.batch, int) else self.batch(saves_of(scene))
         priced = self.priced(scene, options, threads)
         results = compute_batches(scene, size, threads, progress, priced, device)
-        return self.reduce(Batches(scene, results, None, threads), options)
+        return describe(self.reduce(Batches(scene, results, None, threads), options), scene)
 
     def priced(
         self, scene: Scene, options: Any, threads: int | None
@@ -222,7 +207,8 @@ class Members(NamedTuple):
         self.check(scene, result, options)
         saves = result.sizes.get("time", 1)
         size = self.batch if isinstance(self.batch, int) else self.batch(saves)
-        return self.reduce(Batches(scene, split_result(result, size), result, threads), options)
+        batches = Batches(scene, split_result(result, size), result, threads)
+        return describe(self.reduce(batches, options), scene)
 
 
 Array = NDArray[np.float64]

@@ -142,12 +142,14 @@ _DOCUMENTED = {  # {type: its name in a docstring}
 
 def parameter(head: str, text: str) -> str:
     """Return a parameter of a numpydoc docstring: `head`, and its text below."""
+    return f"{head}\n{wrapped(text)}"
+
+
+def wrapped(text: str, more: str = "") -> str:
+    """Return indented lines of a docstring; more : indent of all lines but the first."""
     indent = "    "
-    return "\n".join([
-        head,
-        textwrap.fill(text, 96, initial_indent=indent, subsequent_indent=indent,
-                      break_long_words=False, break_on_hyphens=False),
-    ])  # fmt: skip
+    return textwrap.fill(text, 96, initial_indent=indent, subsequent_indent=indent + more,
+                         break_long_words=False, break_on_hyphens=False)  # fmt: skip
 
 
 def option(default: Any, text: str, like: Option = Option(""), **more: Any) -> Any:

@@ -23,6 +23,7 @@ from rigidmc.studies.framework.options import (
     options_of,
     parameter,
 )
+from rigidmc.studies.framework.variables import StudyVariable, returned
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,13 +78,15 @@ class Study:
     """A question about a scene; callable, as the function of its name.
 
     name : of the function and the folder; also of the command, unless `command` is given
-    text : docstring of the function, with a line `{parameters}` in place of its parameters
+    text : docstring of the function, with the lines `{parameters}` and `{returns}` in place of
+        these sections
     options : the class of its options
     work : its computation: members of one scene, tasks, or a single function
     table : Dataset -> lines of text, or other objects that rich prints
     picture : name of the function in the folder's `picture.py`; it takes a Dataset and
         `picture_options`
     example : a small study, for the tests over all studies
+    variables : of its Dataset
     settings : run settings of the command; None for all, or for none if the work is `Direct`
     settings_help : {setting: its meaning in this study}, where it differs from that in a run
     scene_text, settings_text : docstring texts of these parameters
@@ -99,6 +102,7 @@ class Study:
     table: Callable[[xr.Dataset], list[Any]]
     picture: str
     example: Example
+    variables: tuple[StudyVariable, ...] = ()
     command: str = ""
     picture_options: type[Options] = NoOptions
     settings: tuple[str, ...] | None = None
@@ -111,11 +115,12 @@ class Study:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "command", self.command or self.name)
+        text = inspect.cleandoc(self.text).replace("{parameters}", self._parameters())
         facts = {
             "__name__": self.name,
             "__qualname__": self.name,
             "__module__": f"rigidmc.studies.{self.name}.study",
-            "__doc__": inspect.cleandoc(self.text).replace("{parameters}", self._parameters()),
+            "__doc__": text.replace("{returns}", returned(self.variables)),
             "__signature__": self._signature(),
         }
         for name, value in facts.items():  # attributes that `help`, `inspect` and Sphinx read

@@ -38,6 +38,7 @@ from rigidmc.runs.resources import movers
 from rigidmc.scene.scene import Scene
 from rigidmc.studies import STUDIES, load_study
 from rigidmc.studies.framework.options import keywords_of
+from rigidmc.studies.framework.variables import describe
 
 Design = tuple[Scene, dict[str, Any]]  # scene and request, common to all tasks of a study
 
@@ -92,7 +93,7 @@ class Tasks(NamedTuple):
         for note in self.notes(design[0]):
             warnings.warn(note, SceneWarning, stacklevel=3)
         found = compute_all(self, *design, threads, progress, resolve_device(device))
-        dataset = self.reduce(*design, found, options)
+        dataset = describe(self.reduce(*design, found, options), design[0])
         for note in self.doubts(dataset):
             warnings.warn(note, SceneWarning, stacklevel=3)
         return dataset
@@ -104,7 +105,8 @@ class Tasks(NamedTuple):
 
         name : of the study
         """
-        return self.reduce(*load_tasks(path, name, allow_code), options)
+        scene, request, found = load_tasks(path, name, allow_code)
+        return describe(self.reduce(scene, request, found, options), scene)
 
     def create(
         self, name: str, design: Design, options: Any, path: Path, **ways: Any
