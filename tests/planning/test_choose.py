@@ -8,8 +8,14 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.mechanics.rotation import attitude_error
+from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning import closed_form as closed_form_module
 from rigidmc.planning.tolerance import choose
+from rigidmc.planning.tolerance.ladder import candidates
+from rigidmc.planning.tolerance.pilot import PilotStates
+from rigidmc.planning.tolerance.truth import Reference
+from rigidmc.studies.accuracy.drift import one_of_each_kind
+from rigidmc.studies.stress import catalogue
 from tests.tools.plans import closed_form
 
 SMALL = {"members": 128}
@@ -83,8 +89,25 @@ def test_a_step_costs_the_same_where_the_method_throws_members_off():
 
 def test_extrapolation_is_tried_where_it_pays():
     scene = rm.Scene.load("heavy_top")
-    assert "gbs12" in choose._contenders(scene, 1e-8)
-    assert "gbs12" not in choose._contenders(scene, 1e-7)
+    assert "gbs12" in choose.contenders(scene, 1e-8)
+    assert "gbs12" not in choose.contenders(scene, 1e-7)
+
+
+def test_an_added_integrator_is_tried_everywhere(monkeypatch):
+    """By tolerance, accuracy and stress, unless it states that others are always cheaper."""
+    scene = rm.Scene.load("heavy_top")
+    monkeypatch.setitem(INTEGRATORS, "added", INTEGRATORS["rk8"])
+    monkeypatch.setitem(INTEGRATORS, "dear", INTEGRATORS["suzuki4"])
+    tried = choose.contenders(scene, 1e-4)
+    assert "added" in tried and "dear" not in tried
+    first = choose.pilot(scene, 2)
+    true = Reference(PilotStates(*np.zeros((3, 1))), "rk8", np.zeros(2))
+    pairs = candidates(first, true)
+    assert {("added", "float64"), ("dear", "float64")} <= set(pairs)
+    claimed = [set(case.integrators()) for case in catalogue()]
+    assert all(("rk8" in names) == ("added" in names) for names in claimed)
+    kinds = one_of_each_kind(scene)
+    assert "added" in kinds and "dear" not in kinds
 
 
 @pytest.mark.slow

@@ -32,6 +32,7 @@ class Composition:
     drift_first : whether a step begins with a drift
     gradient : coefficient of h^2 of the force gradient in the middle kick
     split : whether the free motion is split into rotations instead of exact
+    is_contender, drifts_like : see `rigidmc.physics.integrators.protocol`
     """
 
     text: str
@@ -41,6 +42,8 @@ class Composition:
     drift_first: bool = False
     gradient: float = 0.0
     split: bool = False
+    is_contender: bool = True
+    drifts_like: str = ""
 
     is_splitting = True
     is_reversible = True
@@ -156,6 +159,7 @@ INTEGRATORS = {
         kicks=(0.5,),
         drifts=(1.0,),
         split=True,
+        is_contender=False,
     ),
     "chin4": Composition(
         """Force gradient, order 4 with positive steps only: 2 drifts and 2 torques a step, each
@@ -174,6 +178,8 @@ INTEGRATORS = {
         order=4,
         kicks=(_THIRD / 2, _THIRD, (1 - 3 * _THIRD) / 2),
         drifts=(_THIRD, _THIRD, 1 - 4 * _THIRD),
+        is_contender=False,
+        drifts_like="srkn11",
     ),
     "srkn6": Composition(
         """Runge-Kutta-Nystroem splitting of order 4: 6 drifts, 6 torques a step.
@@ -183,6 +189,7 @@ INTEGRATORS = {
         order=4,
         kicks=_with_middle(0.0829844064174052, 0.396309801498368, -0.0390563049223486),
         drifts=(0.245298957184271, 0.604872665711080, 0.5 - 0.245298957184271 - 0.604872665711080),
+        drifts_like="srkn11",
     ),
     "srkn11": Composition(
         """Runge-Kutta-Nystroem splitting of order 6: 11 drifts, 11 torques a step.
@@ -226,6 +233,7 @@ INTEGRATORS = {
             -0.0265646185119588006972121379164987592663,
             0.0653961422823734184559721793911134363710,
         ),
+        drifts_like="aba1064",
     ),
     "aba1064": Composition(
         """For small torques e (fast tops): errors of e h^10, e^2 h^6 and e^3 h^4.

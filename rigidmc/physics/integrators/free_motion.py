@@ -127,6 +127,7 @@ class FreeMotion:
     compensated = True
     conserves = ("|q|", "|L|^2", "T", "L in space")
     accepts = "no torque"
+    drifts_like = "closed"
 
     def scheme(self, turns: TurnBounds) -> StepScheme:
         """Return the StepScheme for steps that turn by `turns`."""

@@ -44,6 +44,8 @@ class RKMK4(NamedTuple):
     accepts = "any torque"
     compensated = True
     max_turn = 2.0
+    is_contender = False
+    drifts_like = "rk4"
 
     def step(self, body, effects, t, h, q, l):
         state, momentum = q, l
@@ -92,6 +94,8 @@ class CF4(NamedTuple):
     compensated = True
     slips = True
     max_turn = 2.0
+    is_contender = False
+    drifts_like = "rk4"
 
     def step(self, body, effects, t, h, q, l):
         state, momentum = q, l
@@ -143,6 +147,8 @@ class CK45(NamedTuple):
     accepts = "any torque"
     compensated = True
     max_turn = 2.0
+    is_contender = False
+    drifts_like = "rk4"
 
     def step(self, body, effects, t, h, q, l):
         at, now = value_of(q), value_of(l)

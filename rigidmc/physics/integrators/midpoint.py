@@ -62,6 +62,7 @@ class Midpoint(NamedTuple):
     conserves = ("|q|", "|L|^2", "T")
     accepts = "any torque"
     compensated = True
+    is_contender = False
     max_spin = 0.5  # [rad] in a step, for 32 iterations; 64 would compile for 20 s
     min_spin = 0.0135  # [rad] in a step, up to which 8 iterations are enough
 

@@ -36,6 +36,9 @@ class Integrator(Protocol):
         max_turn : angle by which a step may turn a body [rad]; None: by less than pi
         has_many_stages : whether a GPU has registers for one derivative at a time only
         min_spin, max_spin : angles per step [rad] between which `scheme` follows the spin
+        is_contender : whether it may be the cheapest; if not, `tolerance` does not try it
+        max_tolerance : tolerance above which others are always cheaper
+        drifts_like : integrator of the same kind that drifts alike over many steps, "" for none
         text : docstring of one integrator, if its class makes several
 
     The program of a step is a NamedTuple with the methods below (`step`, ...). It is the integrator
@@ -62,6 +65,9 @@ class Integrator(Protocol):
     has_many_stages: bool = False
     min_spin: float = 0.0
     max_spin: float = inf
+    is_contender: bool = True
+    max_tolerance: float = inf
+    drifts_like: str = ""
     text: str = ""
 
 

@@ -39,19 +39,9 @@ from rigidmc.planning.tolerance.truth import (
 from rigidmc.processes.progress import say
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.validation import named_integrators
 
 # members: the 99 % quantile is then below the second largest error with 96 % certainty
 PILOT = 512
-# Integrators that have been the cheapest for some scene and tolerance. The others serve comparison
-# (`rigidmc accuracy`), and each costs 3 s to compile.
-CONTENDERS = (
-    "closed", "exact", "rk4", "rk8", "gbs12", "strang", "chin4", "srkn6", "srkn11", "aba864",
-    "aba1064",
-)  # fmt: skip
-# gbs12 is not tried for larger tolerances: its cost is 1.05 times that of rk8 at 1e-7 (4,096 heavy
-# tops to 10 s), 0.87 at 1e-8, 0.75 at 1e-10 and 0.61 at 1e-12.
-GBS12_PAYS = 2e-8
 SINGLE_REACHES = 3e-7  # five roundings of float32: float32 is not tried for smaller tolerances
 # Least factor by which half the step reduces the error for smooth torques (order 4 and more); for a
 # kink the factor is 2 to 4
@@ -109,8 +99,8 @@ def choose(
         known /= extent.share
         why = f"the reference itself is known only to {known:.1e} ({true.source})"
         raise _unreachable(scene, tolerance, first, known, why)
-    contenders = integrators or _contenders(scene, tolerance)
-    ways, nearest = _ways(costs, true, tolerance, contenders, extent.share)
+    names = integrators or contenders(scene, tolerance)
+    ways, nearest = _ways(costs, true, tolerance, names, extent.share)
     if not ways:
         raise _unreachable(scene, tolerance, first, nearest, "no integrator does better")
     ways.sort(key=costs.per_member)
@@ -154,12 +144,14 @@ def choose(
     raise _unreachable(scene, tolerance, first, nearest, "members beyond the pilot err more")
 
 
-def _contenders(scene: Scene, tolerance: float) -> list[str]:
-    """Return the names of the integrators to try by default, including custom ones."""
-    able = [name for name in CONTENDERS if name != "gbs12" or tolerance <= GBS12_PAYS]
-    if scene.run.wrt:
-        able.remove("closed")  # closed forms have no derivatives
-    return [*able, *named_integrators(scene.integrators)]
+def contenders(scene: Scene, tolerance: float) -> list[str]:
+    """Return the names of the integrators that may be the cheapest; each costs 3 s to compile."""
+    return [
+        name
+        for name, integrator in scene.known_integrators().items()
+        if integrator.is_contender and tolerance <= integrator.max_tolerance
+        if not (name == "closed" and scene.run.wrt)  # closed forms have no derivatives
+    ]
 
 
 def _limit(pilot: Pilot, integrator: str, tolerance: float, share: float) -> float:

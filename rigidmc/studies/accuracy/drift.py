@@ -19,11 +19,8 @@ from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.recording import conservation
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.validation import named_integrators
 from rigidmc.studies.accuracy.work_precision import WORDS
 
-# one integrator of each kind
-LONG = ("rk4", "rk8", "midpoint", "strang", "rotations", "chin4", "srkn11", "aba1064")
 SYMBOLS = {"energy": "energy", "l2": "|L|^2", "lz": "L_z"}
 
 
@@ -38,7 +35,7 @@ def long_drift(
     """Measure the drift of energy, |L|^2 and L_z over very many steps; return a Dataset over
     `integrator` and `step`.
 
-    integrators : names or integrators; by default LONG and the scene's own, if they fit
+    integrators : names or integrators; by default one of each kind (`drifts_like`) that fits
     dt : step [s], by default the scene's;  members : number of members, from the scene's first on
     `step` : powers of two up to `steps`
 
@@ -49,9 +46,7 @@ def long_drift(
     """
     scene, given = scene.with_integrators(integrators or ())
     known = scene.known_integrators()
-    able = integrators_for(scene.effects, integrators=known)
-    own = named_integrators(scene.integrators)
-    names = given or [name for name in (*LONG, *own) if name in able]
+    names = given or one_of_each_kind(scene)
     for name in names:
         if name not in known:
             raise unknown("integrator", known, at="integrators", value=name, error=OptionError)
@@ -87,6 +82,13 @@ def long_drift(
         "l2_conserved": conserved["l2"],
     }
     return xr.Dataset(variables, {"integrator": np.array(names, dtype=object), "step": at}, facts)
+
+
+def one_of_each_kind(scene: Scene) -> list[str]:
+    """Return the integrators that accept a scene and do not drift like another one."""
+    known = scene.known_integrators()
+    able = integrators_for(scene.effects, integrators=known)
+    return [name for name in able if name != "closed" and not known[name].drifts_like]
 
 
 def growth_law(steps: NDArray[np.int_], drift: NDArray[np.float64]) -> tuple[str, float]:

@@ -286,7 +286,8 @@ def test_a_message_says_whether_an_effect_is_packed_and_why_not():
 @pytest.mark.slow
 def test_studies_take_an_effect_that_runs_one_member_at_a_time(monkeypatch):
     """Each of them makes programs of its own."""
-    monkeypatch.setattr(choose, "CONTENDERS", ("rk4",))  # one contender tells as much as six
+    # one contender tells as much as six
+    monkeypatch.setattr(choose, "contenders", lambda *_: ["rk4"])
     branching = scene(Switch(0.01)).with_run(t_end=0.2, dt=0.05, members=32, save=("omega",))
     with pytest.warns(rm.SceneWarning, match="members are not vectorized"):
         chosen = rm.simulate(branching, tolerance=1e-3)

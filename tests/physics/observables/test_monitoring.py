@@ -634,7 +634,8 @@ def test_short_excursions_within_long_steps_are_found():
 def test_a_tolerance_chooses_no_step_that_hides_what_is_watched(monkeypatch):
     """Were steps that are watched to be of 0.3 rad at most: those of rk8 grow to 0.54 rad."""
     monkeypatch.setattr(plan_module, "LARGEST_TURN", 0.3)
-    monkeypatch.setattr(choose, "CONTENDERS", ("rk8",))  # all contenders take 60 s of compiling
+    # all contenders take 60 s of compiling
+    monkeypatch.setattr(choose, "contenders", lambda *_: ["rk8"])
     alone = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude",))
     ds = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude", "nutation"))
     plan, watched = (plan_of(rm.Scene.loads(one.attrs["scene"])) for one in (alone, ds))
