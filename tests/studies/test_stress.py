@@ -22,7 +22,7 @@ from rigidmc.studies.stress import (
     processes,
 )
 from rigidmc.studies.stress import hard_cases as H
-from rigidmc.studies.stress.case import HardCase
+from rigidmc.studies.stress.case import Comparison, HardCase
 from rigidmc.studies.stress.motions import (
     direction,
     distance,
@@ -30,6 +30,7 @@ from rigidmc.studies.stress.motions import (
     largest_change,
     random_tops,
     run,
+    states,
     tops,
     walk,
     worst,
@@ -97,22 +98,20 @@ def test_errors_are_seen():
 
     def against_wrong(integrator, share):
         ds = run(scene, integrator, 10.0)
-        return worst(
-            ds, distance(ds.attitude.values, ds.momentum.values, *closed_states(wrong, ds)).max(0)
-        )
+        return worst(ds, distance(*states(ds), *closed_states(wrong, ds)).max(0))
 
-    assert distance_to_closed_form(scene, 10.0)("exact", 1.0) < 1e-13
+    assert distance_to_closed_form(scene, 10.0).error("exact", 1.0) < 1e-13
     assert against_wrong("exact", 1.0) > 1e-4
-    assert largest_change(scene, 10.0, invariants)("exact", 1.0) < 1e-14
-    assert largest_change(scene, 10.0, direction)("exact", 1.0) > 0.1  # L does move
+    assert largest_change(scene, 10.0, invariants).error("exact", 1.0) < 1e-14
+    assert largest_change(scene, 10.0, direction).error("exact", 1.0) > 0.1  # L does move
 
     def of_no_size(body, effects, q, l):
         return [(l, 0.0 * l[0, 0])]
 
-    assert largest_change(scene, 10.0, of_no_size)("exact", 1.0) == math.inf  # in any unit
-    assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 0.0), 1)("exact", 1.0) < 1e-13
+    assert largest_change(scene, 10.0, of_no_size).error("exact", 1.0) == math.inf  # in any unit
+    assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 0.0), 1).error("exact", 1.0) < 1e-13
     # does not start where L3 = 0
-    assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 1e-4), 1)("exact", 1.0) > 1e-3
+    assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 1e-4), 1).error("exact", 1.0) > 1e-3
 
 
 def test_a_study_reports_cases_above_their_bound(tmp_path):
@@ -143,7 +142,7 @@ def test_a_case_that_raises_or_dies_is_red_and_stops_no_other(monkeypatch):
     def fails(integrator, share):
         raise RuntimeError("broken on purpose")
 
-    case = HardCase("broken", "to see it red", "none", fails, 1.0, group="H5")
+    case = HardCase("broken", "to see it red", Comparison(fails, "none"), 1.0, group="H5")
     error, _, reason = run_case(case, "rk4")
     assert math.isnan(error)
     assert "broken on purpose" in reason
@@ -209,4 +208,4 @@ def test_rounding_walks_over_1e8_steps():
     rms of all at 1e8 is 4.1e-12. If all drifted evenly, the factor would be 8.
     """
     moments, momentum = random_tops()
-    assert walk(tops(moments, momentum), 0.1, 100_000_000)("exact", 1.0) < 6.0
+    assert walk(tops(moments, momentum), 0.1, 100_000_000).error("exact", 1.0) < 6.0

@@ -1,26 +1,42 @@
-"""One hard case: its scene, the truth for comparison, and the integrators that claim it."""
+"""One hard case: how it compares an integrator with a truth, and the integrators that claim it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from rigidmc.physics.integrators import INTEGRATORS, integrators_for
 
-ErrorOf = Callable[
-    [str, float], float
-]  # (integrator, share) -> error; share < 1 shortens long runs
+Claim = Callable[[str], bool]  # name of an integrator -> whether it claims a case
+
+
+def claims_all(name: str) -> bool:
+    """Return True for every integrator."""
+    return True
+
+
+class Comparison(NamedTuple):
+    """The comparison of integrators with a truth.
+
+    error : function of (integrator, share) -> error; share < 1 shortens long runs
+    truth : the reference for the error
+    effects, claims : an integrator claims the case if it supports the effects and claims(name)
+        holds
+    """
+
+    error: Callable[[str, float], float]
+    truth: str
+    effects: tuple[Any, ...] = ()
+    claims: Claim = claims_all
 
 
 @dataclass(frozen=True)
 class HardCase:
     """One hard case.
 
-    why, truth : the reason why the case is hard, and the reference for the error
-    error : function of (integrator, share) -> error; share < 1 shortens long runs
+    why : the reason why the case is hard
     asked : a bound set by mathematics: a number, or a function of the integrator's name;
         None if the bound of each integrator comes from `bounds.csv`
-    effects, claims : an integrator claims the case if it supports the effects and claims(name)
-        holds
+    truth, claims : in place of those of the comparison
     weak : {integrator: why it fails the case although it claims it}
     quick : whether `--quick` includes the case
     group : its group in GROUPS, set by `catalogue`
@@ -28,25 +44,26 @@ class HardCase:
 
     name: str
     why: str
-    truth: str
-    error: ErrorOf
+    comparison: Comparison
     asked: float | Callable[[str], float | None] | None = None
-    effects: tuple[Any, ...] = ()
-    claims: Callable[[str], bool] = lambda name: True
+    truth: str = ""
+    claims: Claim | None = None
     weak: dict[str, str] = field(default_factory=dict)
     quick: bool = False
     group: str = ""
 
+    def __post_init__(self) -> None:
+        for fact in ("truth", "claims"):
+            object.__setattr__(self, fact, getattr(self, fact) or getattr(self.comparison, fact))
+
     def integrators(self) -> list[str]:
         """Return the names of the integrators that claim the case."""
-        return [name for name in integrators_for(self.effects) if self.claims(name)]
+        claims: Any = self.claims
+        return [name for name in integrators_for(self.comparison.effects) if claims(name)]
 
     def asked_of(self, integrator: str) -> float | None:
         """Return the bound set by mathematics, None if it comes from measurements."""
         return self.asked(integrator) if callable(self.asked) else self.asked
-
-
-# functions for `HardCase.claims`
 
 
 def makes_steps(name: str) -> bool:
@@ -69,6 +86,6 @@ def reversible(name: str) -> bool:
     return bool(INTEGRATORS[name].is_reversible and makes_steps(name))
 
 
-def only(*names: str) -> Callable[[str], bool]:
+def only(*names: str) -> Claim:
     """Return a claim of the named integrators, for cases that take too long with all."""
     return lambda name: name in names

@@ -8,14 +8,12 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.mechanics.euler_rates import omega_from_euler_rates
 from rigidmc.mechanics.rotation import from_euler, matrix
 from rigidmc.physics.dynamics.so3 import vertical
-from rigidmc.studies.stress.case import ErrorOf, HardCase, makes_steps
+from rigidmc.studies.stress.case import Comparison, HardCase, makes_steps
 from rigidmc.studies.stress.motions import (
-    GRAVITY,
     HANGING,
     UPRIGHT,
     Values,
@@ -86,27 +84,21 @@ def heavy_tops() -> Iterator[HardCase]:
     vertical."""
     for word, (attitude, momentum, why) in top_starts().items():
         scene = tops(MOMENTS, momentum, attitude, WEIGHT)
-        error = distance_to_closed_form(scene, 4.0 if word == "fast" else 12.0)
-        yield HardCase(word, why, "closed form", error, effects=GRAVITY)
+        yield HardCase(word, why, distance_to_closed_form(scene, 4.0 if word == "fast" else 12.0))
     rest = tops(np.tile(MOMENTS, (2, 1)), np.zeros((2, 3)), np.array([UPRIGHT, HANGING]), WEIGHT)
     yield HardCase(
         "equilibria stay, 1e5 steps",
         "torques of 1e-17 N m would make the upright top fall within 30 s",
-        "L = 0 to the bit",
         largest_change(rest, 1e3, direction, steps=100_000),
+        truth="L = 0 to the bit",
         asked=1e-15,
-        effects=GRAVITY,
-        claims=makes_steps,
     )
     mixed = tops((1.0, 1.0, 0.7), (0.4, 0.3, 2.0), lean_by(0.8), WEIGHT)
     yield HardCase(
         "energy and L_z, 1e5 steps",
         "a thousand nutations: the energy error of a splitting must stay bounded, and L_z"
         " must be conserved to rounding",
-        "invariants",
         largest_change(mixed, 5e3, invariants, saves=50, steps=100_000),
-        effects=GRAVITY,
-        claims=makes_steps,
     )
 
 
@@ -118,10 +110,8 @@ def integrable_tops() -> Iterator[HardCase]:
         "Kovalevskaya's constant",
         "|(w1 + i w2)^2 - (k/C)(u1 + i u2)|^2, of degree 4: no integrator conserves it by"
         " construction",
-        "invariant (Kovalevskaya 1889)",
         largest_change(kovalevskaya, 40.0, kovalevskaya_constant),
-        effects=GRAVITY,
-        claims=makes_steps,
+        truth="invariant (Kovalevskaya 1889)",
         quick=True,
     )
     attitude = tuple(from_euler((0.2, 1.0, 0.6)))
@@ -132,27 +122,20 @@ def integrable_tops() -> Iterator[HardCase]:
     yield HardCase(
         "Goryachev-Chaplygin's constant",
         "conserved only while L_z = 0: a drift of L_z destroys it",
-        "invariant (Goryachev 1900)",
         largest_change(goryachev, 40.0, goryachev_constant),
-        effects=GRAVITY,
-        claims=makes_steps,
+        truth="invariant (Goryachev 1900)",
     )
     yield HardCase(
         "Staude's permanent rotation",
         "an asymmetric top spins steadily about the vertical, which is not a principal axis:"
         " two large torques cancel",
-        "L and the vertical are constant in the body (Staude 1894)",
-        staude_error(),
-        effects=GRAVITY,
-        claims=makes_steps,
+        staude_rotation(),
+        truth="L and the vertical are constant in the body (Staude 1894)",
     )
     yield HardCase(
         "Grioli's regular precession",
         "an asymmetric top precesses at a constant rate about an inclined axis",
-        "closed form (Grioli 1947)",
-        grioli_error(),
-        effects=GRAVITY,
-        claims=makes_steps,
+        grioli_precession(),
         quick=True,
     )
 
@@ -178,8 +161,8 @@ def goryachev_constant(
     return [*invariants(body, effects, q, l), (value, np.maximum(np.abs(value[0]), 1.0))]
 
 
-def staude_error() -> ErrorOf:
-    """Return the change of L and of the vertical in the body, in a permanent rotation at
+def staude_rotation() -> Comparison:
+    """Compare L and the vertical in the body with their starts, in a permanent rotation at
     2 rad/s."""
     i, vertical, spin = np.array((1.0, 1.4, 2.0)), np.array((0.2, 0.3, 1.0)), 2.0
     vertical /= np.linalg.norm(vertical)
@@ -189,9 +172,8 @@ def staude_error() -> ErrorOf:
     return largest_change(scene, 3.0, direction)
 
 
-def grioli_error() -> ErrorOf:
-    """Return the error of L and of the vertical in the body, in Grioli's precession with moments
-    1, 1.4, 2."""
+def grioli_precession() -> Comparison:
+    """Compare L and the vertical in the body with Grioli's precession, for moments 1, 1.4, 2."""
     a, b, c, k = 1.0, 1.4, 2.0, 1.0
     e = np.array((math.sqrt((b - a) / (c - a)), 0.0, math.sqrt((c - b) / (c - a))))
     j, d = a + c - b, e[0] * e[2] * (a - c)
@@ -199,9 +181,7 @@ def grioli_error() -> ErrorOf:
     alpha, beta = nu**2 * j / k, -(nu**2) * d / k
     x1, x2 = np.array((e[2], 0.0, -e[0])), np.array((0.0, 1.0, 0.0))
 
-    def motion(
-        t: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def motion(t: Values) -> tuple[Values, Values]:
         """Return (L, vertical) in body axes at times t, each (3, times)."""
         p = -nu * t
         omega = nu * (np.cos(p) * x1[:, None] + np.sin(p) * x2[:, None] + e[:, None])
@@ -223,7 +203,7 @@ def grioli_error() -> ErrorOf:
         lean = np.linalg.norm(matrix(ds.attitude.values[..., 0])[:, 2].T - true_u, axis=0)
         return worst(ds, np.array([np.maximum(off, lean).max()]))
 
-    return error
+    return Comparison(error, "closed form (Grioli 1947)", scene.effects, makes_steps)
 
 
 def chaos() -> Iterator[HardCase]:
@@ -236,29 +216,21 @@ def chaos() -> Iterator[HardCase]:
     yield HardCase(
         "same bits in any blocks, heavy",
         "errors grow exponentially: a single wrong bit would show",
-        "the same run in other blocks",
         same_bits(heavy, 20.0),
         asked=0.0,
-        effects=GRAVITY,
-        claims=makes_steps,
         quick=True,
     )
     near = np.array([(1e-9, 2.0, 1e-9 * i) for i in range(64)])
     yield HardCase(
         "same bits in any blocks, by the separatrix",
         "errors grow exponentially: a single wrong bit would show",
-        "the same run in other blocks",
         same_bits(tops(np.tile((1.0, 2.0, 3.0), (64, 1)), near), 40.0),
         asked=0.0,
-        claims=makes_steps,
     )
     yield HardCase(
         "energy and L_z of 64 chaotic tops",
         "positions are unpredictable, but invariants must be conserved",
-        "invariants",
         largest_change(heavy, 100.0, invariants),
-        effects=GRAVITY,
-        claims=makes_steps,
     )
 
 

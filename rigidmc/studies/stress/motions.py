@@ -32,8 +32,9 @@ from rigidmc.scene.body import Body
 from rigidmc.scene.quantities import count_rows, is_shared
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
-from rigidmc.studies.stress.case import ErrorOf
+from rigidmc.studies.stress.case import Comparison, makes_steps
 
+Values = NDArray[np.float64]
 # rotation of the fastest member per step [rad], by the order of the integrator
 TURNS = {2: 0.01, 4: 0.05, 6: 0.12, 8: 0.25, math.inf: 0.12}
 
@@ -97,32 +98,29 @@ def staged_physics(scene: Scene, members: int) -> tuple[Any, Any]:
     return body, effects
 
 
+def states(ds: xr.Dataset) -> tuple[Values, Values]:
+    """Return (attitude (times, 4, members), momentum (times, 3, members)) of a result."""
+    return ds.attitude.values, ds.momentum.values
+
+
 def worst(ds: xr.Dataset, values: ArrayLike) -> float:
     """Return the largest of one value per member; inf if a member is flagged or a value is nan."""
     finite = np.nan_to_num(values, nan=math.inf, posinf=math.inf)
     return float(np.max(np.where(ds.status.values == 0, finite, math.inf)))
 
 
-def distance(
-    q: NDArray[np.float64],
-    l: NDArray[np.float64],
-    true_q: NDArray[np.float64],
-    true_l: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return the larger error of momentum [relative] and attitude [rad], (times, members).
-
-    q, true_q : (times, 4, members);  l, true_l : (times, 3, members)
-    """
+def distance(q: Values, l: Values, true_q: Values, true_l: Values) -> Values:
+    """Return the larger error of momentum [relative] and attitude [rad], (times, members), of
+    `states`."""
     unit = np.max(np.abs(true_l)) or 1.0  # keeps squares from overflow and underflow
     size = np.linalg.norm(true_l / unit, axis=1)
     # where L is 0, the error is relative to the largest |L|
     off = np.linalg.norm((l - true_l) / unit, axis=1) / np.where(size > 0.0, size, 1.0)
     angle = attitude_error(np.moveaxis(q, 1, -1), np.moveaxis(true_q, 1, -1))
-    apart: NDArray[np.float64] = np.maximum(off, angle)
+    apart: Values = np.maximum(off, angle)
     return apart
 
 
-Values = NDArray[np.float64]
 # quantities(body, effects, q, l) -> [(values (..., times, members), scale (members))]
 Quantities = Callable[[Any, Any, Values, Values], list[tuple[Values, Values]]]
 
@@ -134,7 +132,7 @@ def largest_change(
     saves: int = 8,
     steps: int | None = None,
     **options: Any,
-) -> ErrorOf:
+) -> Comparison:
     """Return the largest change of some quantities, each relative to its scale; inf if only the
     scale is 0."""
 
@@ -152,7 +150,7 @@ def largest_change(
             largest = np.maximum(largest, off)
         return worst(ds, largest)
 
-    return error
+    return Comparison(error, "invariants", scene.effects, makes_steps)
 
 
 def invariants(body: Any, effects: Any, q: Values, l: Values) -> list[tuple[Values, Values]]:
@@ -171,7 +169,7 @@ def direction(body: Any, effects: Any, q: Values, l: Values) -> list[tuple[Value
     return [momentum, (np.array(vertical(q)), np.ones(l.shape[-1]))] if effects else [momentum]
 
 
-def walk(scene: Scene, turn: float, steps: int) -> ErrorOf:
+def walk(scene: Scene, turn: float, steps: int) -> Comparison:
     """Return how much faster than sqrt(n) the drift of energy and |L|^2 grows with the steps n.
 
     This is the largest of rms(n)/rms(n0) / sqrt(n/n0) over n = 2^k n0.
@@ -192,7 +190,7 @@ def walk(scene: Scene, turn: float, steps: int) -> ErrorOf:
             ratios.append(np.max(rms[1:] / rms[0] / np.sqrt([4, 16, 64])))
         return max(worst(ds, 0.0), float(np.max(ratios)))
 
-    return error
+    return Comparison(error, "random walk", scene.effects)
 
 
 GRAVITY = (Gravity(1.0),)
@@ -229,13 +227,13 @@ def lean_by(theta: float) -> tuple[float, float, float, float]:
     return math.cos(0.5 * theta), math.sin(0.5 * theta), 0.0, 0.0
 
 
-def rotation_about(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+def rotation_about(axis: Values, angle: float) -> Values:
     """Return the quaternion of a rotation by an angle [rad] about an axis of any length."""
     vector = math.sin(0.5 * angle) * axis / np.linalg.norm(axis)
     return np.array([math.cos(0.5 * angle), *vector])
 
 
-def random_tops(count: int = 32, seed: int = 1) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def random_tops(count: int = 32, seed: int = 1) -> tuple[Values, Values]:
     """Return (moments, momenta) of random bodies of unit size and spin, one row each."""
     random = np.random.default_rng(seed)
     second = random.uniform(0.1, 1.0, (count, 3))

@@ -121,7 +121,7 @@ def run_case(case: HardCase, integrator: str, share: float = 1.0) -> Outcome:
     """
     began, reason = time.perf_counter(), ""
     try:
-        error = float(case.error(integrator, share))
+        error = float(case.comparison.error(integrator, share))
     except Exception as raised:  # reported as a crash; the other cases continue
         uncovered = (
             integrator == "closed"
