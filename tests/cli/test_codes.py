@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 from typer.main import get_command
-from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.cli.app import CODES, INVALID, IO, OK, REFUSED, USAGE, code_table
 from rigidmc.studies import STUDIES, load_study
 from tests.studies.examples import words_of
+from tests.tools.commands import invoke
 
 # what each command needs beside its first argument
 SCENES = {
@@ -47,7 +47,7 @@ WORDS = {"new", "integrators", "effects", "observables", "doctor"}
 
 
 def code(*words):
-    done = CliRunner().invoke(app, [str(word) for word in words])
+    done = invoke(*words)
     assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
     return done.exit_code
 
@@ -128,5 +128,5 @@ def test_a_result_that_exists_and_members_that_it_lacks(here):
 def test_the_table_is_the_one_of_the_page_and_of_the_help():
     page = Path(__file__).parents[2].joinpath("docs/reference/commands.md").read_text("utf-8")
     assert code_table() in page
-    shown = " ".join(CliRunner().invoke(app, ["--help"]).output.split())
+    shown = " ".join(invoke("--help").output.split())
     assert all(f"{number} {short}" in shown for number, (short, _) in CODES.items())

@@ -4,26 +4,18 @@ import os
 import resource
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.cli.directories import refuse_force
 from rigidmc.studies.stress import hard_cases
+from tests.tools.commands import COMMAND, invoke, words_of
 from tests.tools.faulty import LINUX
-
-COMMAND = [sys.executable, "-c", "from rigidmc.cli import main; main()"]
-
-
-def run(*words):
-    return CliRunner().invoke(app, [str(w) for w in words])
 
 
 def failed(result, code, *words):
@@ -35,17 +27,10 @@ def failed(result, code, *words):
 
 def test_run_writes_a_result_and_a_picture(tmp_path):
     out, picture = tmp_path / "d.nc", tmp_path / "d.png"
-    result = run("run", "dzhanibekov", "--members", 500, "--t-end", 2, "-o", out, "--plot", picture)
+    result = invoke("run dzhanibekov --members 500 --t-end 2 -o", out, "--plot", picture)
     assert result.exit_code == 0, result.output
-    for word in (
-        "500 members",
-        "member-steps/s",
-        "drift of energy",
-        "flagged members: none",
-        "d.nc",
-        "d.png",
-    ):
-        assert word in result.output
+    words = "500 members", "member-steps/s", "drift of energy", "flagged members: none"
+    assert all(word in result.output for word in (*words, "d.nc", "d.png")), result.output
     assert picture.stat().st_size > 20_000
     with rm.open(out) as ds:
         assert ds.sizes["member"] == 500
@@ -55,23 +40,9 @@ def test_run_writes_a_result_and_a_picture(tmp_path):
 
 def test_options_override_the_scene(tmp_path):
     out = tmp_path / "h.nc"
-    words = [
-        "--members",
-        3,
-        "--dt",
-        0.001,
-        "--t-end",
-        0.5,
-        "--every",
-        0.1,
-        "--seed",
-        4,
-        "--integrator",
-        "rkmk4",
-        "--save",
-        "momentum,l2",
-    ]
-    result = run("run", "heavy_top", *words, "--set", "effects.gravity.g=1.62", "-o", out)
+    words = "--members 3 --dt 0.001 --t-end 0.5 --every 0.1 --seed 4 --integrator rkmk4"
+    more = "--save momentum,l2 --set effects.gravity.g=1.62 -o"
+    result = invoke(f"run heavy_top {words} {more}", out)
     assert result.exit_code == 0, result.output
     with rm.open(out) as ds:
         assert set(ds.data_vars) >= {"momentum", "l2"}
@@ -84,8 +55,8 @@ def test_options_override_the_scene(tmp_path):
 
 def test_a_result_file_is_a_scene(tmp_path):
     one, two = tmp_path / "1.nc", tmp_path / "2.nc"
-    assert run("run", "tennis_racket", "--members", 40, "--t-end", 0.5, "-o", one).exit_code == 0
-    assert run("run", one, "-o", two).exit_code == 0
+    assert invoke("run tennis_racket --members 40 --t-end 0.5 -o", one).exit_code == 0
+    assert invoke("run", one, "-o", two).exit_code == 0
     with rm.open(one) as a, rm.open(two) as b:
         assert a.identical(b)
 
@@ -93,60 +64,60 @@ def test_a_result_file_is_a_scene(tmp_path):
 def test_existing_files_are_refused_and_intact(tmp_path):
     out = tmp_path / "there.nc"
     out.write_bytes(b"precious")
-    failed(run("run", "nasa_brick", "-o", out), 6, "there.nc exists", "nothing was written")
-    failed(run("run", "nasa_brick", "--plot", out), 6, "exists")
+    failed(invoke("run nasa_brick -o", out), 6, "there.nc exists", "nothing was written")
+    failed(invoke("run nasa_brick --plot", out), 6, "exists")
     assert out.read_bytes() == b"precious"
     assert os.listdir(tmp_path) == ["there.nc"]
-    assert run("run", "nasa_brick", "--t-end", 0.1, "-o", out, "--force").exit_code == 0
+    assert invoke("run nasa_brick --t-end 0.1 -o", out, "--force").exit_code == 0
     with rm.open(out) as ds:
         assert ds.attrs["title"] == "nasa_brick"
 
 
 def test_missing_folders(tmp_path):
-    failed(run("run", "nasa_brick", "-o", tmp_path / "no" / "x.nc"), 74, "no such folder")
+    failed(invoke("run nasa_brick -o", tmp_path / "no" / "x.nc"), 74, "no such folder")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_read_only_folders(tmp_path):
     tmp_path.chmod(0o500)
-    failed(run("run", "nasa_brick", "-o", tmp_path / "x.nc"), 74, "not writable")
+    failed(invoke("run nasa_brick -o", tmp_path / "x.nc"), 74, "not writable")
 
 
 def test_usage():
-    failed(run("run"), 2)
-    failed(run("run", "dzhanibekov", "--members", "ten"), 3, "integer")
-    failed(run("fly", "dzhanibekov"), 2)
+    failed(invoke("run"), 2)
+    failed(invoke("run dzhanibekov --members ten"), 3, "integer")
+    failed(invoke("fly dzhanibekov"), 2)
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("text", "message"),
     [
-        (["run", "dzanibekov"], "did you mean 'dzhanibekov'"),
-        (["run", "heavy_top", "--integrator", "exact"], "takes no torque"),
-        (["run", "heavy_top", "--integrator", "rkm4"], "did you mean 'rkmk4'"),
-        (["run", "dzhanibekov", "--members", "0"], "at least 1"),
-        (["run", "dzhanibekov", "--dt", "-1"], "greater than 0"),
-        (["run", "dzhanibekov", "--save", "omga"], "did you mean 'omega'"),
-        (["run", "dzhanibekov", "--set", "body.moments=[1,2,9]"], "triangle inequality"),
-        (["run", "dzhanibekov", "--set", "moments"], "table.key=value"),
-        (["run", "dzhanibekov", "--plot", "x.gif"], ".png, .pdf, .svg"),
-        (["show", "heavy_top", "--integrator", "exact"], "takes no torque"),
-        (["check", "dzhanibekov", "--set", "run.dtt=1"], "did you mean 'dt'"),
-        (["scenes", "heavytop"], "did you mean 'heavy_top'"),
-        (["stress", "--group", "H77"], "did you mean 'H7'"),
-        (["stress", "--integrator", "rk44"], "did you mean 'rk4'"),
-        (["stress", "dzhanibekof"], "did you mean 'dzhanibekov'"),
-        (["plot", __file__, "-o", "x.png", "--picture", "sumary"], "did you mean 'summary'"),
+        ("run dzanibekov", "did you mean 'dzhanibekov'"),
+        ("run heavy_top --integrator exact", "takes no torque"),
+        ("run heavy_top --integrator rkm4", "did you mean 'rkmk4'"),
+        ("run dzhanibekov --members 0", "at least 1"),
+        ("run dzhanibekov --dt -1", "greater than 0"),
+        ("run dzhanibekov --save omga", "did you mean 'omega'"),
+        ("run dzhanibekov --set body.moments=[1,2,9]", "triangle inequality"),
+        ("run dzhanibekov --set moments", "table.key=value"),
+        ("run dzhanibekov --plot x.gif", ".png, .pdf, .svg"),
+        ("show heavy_top --integrator exact", "takes no torque"),
+        ("check dzhanibekov --set run.dtt=1", "did you mean 'dt'"),
+        ("scenes heavytop", "did you mean 'heavy_top'"),
+        ("stress --group H77", "did you mean 'H7'"),
+        ("stress --integrator rk44", "did you mean 'rk4'"),
+        ("stress dzhanibekof", "did you mean 'dzhanibekov'"),
+        (f"plot {__file__} -o x.png --picture sumary", "did you mean 'summary'"),
     ],
 )
-def test_invalid_scenes_exit_3(words, message):
-    failed(run(*words), 3, message)
+def test_invalid_scenes_exit_3(text, message):
+    failed(invoke(text), 3, message)
 
 
 def test_plot_of_a_file_that_is_no_result(tmp_path):
-    failed(run("plot", tmp_path / "none.nc", "-o", tmp_path / "x.png"), 74, "none.nc")
+    failed(invoke("plot", tmp_path / "none.nc", "-o", tmp_path / "x.png"), 74, "none.nc")
     (tmp_path / "text.nc").write_text("not netCDF")
-    failed(run("plot", tmp_path / "text.nc", "-o", tmp_path / "x.png"), 3, "text.nc")
+    failed(invoke("plot", tmp_path / "text.nc", "-o", tmp_path / "x.png"), 3, "text.nc")
     assert not (tmp_path / "x.png").exists()
 
 
@@ -156,14 +127,16 @@ def test_flagged_members_exit_4(tmp_path):
         "[body]\nmoments=[1.0, 2.0, 2.5]\n[start]\nomega=[1e160, 1.0, 0.0]\n[run]\nmembers=3\n"
         "dt=0.1\nt_end=1.0"
     )
-    failed(run("run", scene), 4, "flagged members: 3 step_too_large", "`status_step`")
-    failed(run("run", scene, "--set", "run.checks=false"), 4, "flagged members: 3 non_finite")
-    failed(run("run", scene, "--dt", "1e-159"), 3, "dt", "1e+159 steps")
+    failed(invoke("run", scene), 4, "flagged members: 3 step_too_large", "`status_step`")
+    failed(invoke("run", scene, "--set", "run.checks=false"), 4, "flagged members: 3 non_finite")
+    failed(invoke("run", scene, "--dt", "1e-159"), 3, "dt", "1e+159 steps")
     scene.write_text(
         scene.read_text().replace("1e160", "1.0").replace("dt=0.1", "dt=0.1\nenergy_limit=1e-12")
     )
-    failed(run("run", scene), 4, "flagged members: 3 energy_drift")
-    failed(run("run", scene, "--set", "run.energy_limit=-1.0"), 3, "energy_limit", "greater than 0")
+    failed(invoke("run", scene), 4, "flagged members: 3 energy_drift")
+    failed(
+        invoke("run", scene, "--set", "run.energy_limit=-1.0"), 3, "energy_limit", "greater than 0"
+    )
 
 
 def test_a_full_disk(tmp_path):
@@ -173,17 +146,9 @@ def test_a_full_disk(tmp_path):
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 
-    words = [
-        "run",
-        "tennis_racket",
-        "--members",
-        "2000",
-        "-o",
-        str(tmp_path / "there.nc"),
-        "--force",
-    ]
+    words = words_of("run tennis_racket --members 2000 --force -o", tmp_path / "there.nc")
     # the kernel cache must be warm, or its files would hit the limit first
-    assert run("run", "tennis_racket", "--members", 1, "-o", tmp_path / "warm.nc").exit_code == 0
+    assert invoke("run tennis_racket --members 1 -o", tmp_path / "warm.nc").exit_code == 0
     made = subprocess.run([*COMMAND, *words], capture_output=True, text=True, preexec_fn=limit)
     assert made.returncode == 74, made.stderr
     assert "Traceback" not in made.stderr
@@ -216,11 +181,9 @@ def cpu_of_children():
 def test_signals(tmp_path, number, code):
     """A stopped run exits with the code of the signal, does little more, and leaves no file."""
     # with a warm cache no process beside it compiles, whose CPU time would be counted, too
-    assert (
-        run("run", "dzhanibekov", "--members", 1, "-o", tmp_path.with_suffix(".nc")).exit_code == 0
-    )
+    assert invoke("run dzhanibekov --members 1 -o", tmp_path.with_suffix(".nc")).exit_code == 0
     spent = cpu_of_children()
-    words = ["run", "dzhanibekov", "--members", "2000000", "-o", str(tmp_path / "x.nc")]
+    words = words_of("run dzhanibekov --members 2000000 -o", tmp_path / "x.nc")
     process = subprocess.Popen(
         [*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         # tests that run in the background ignore it
@@ -244,7 +207,7 @@ def test_signals(tmp_path, number, code):
 
 
 def test_show_says_what_is_compiled():
-    free, heavy = run("show", "dzhanibekov").output, run("show", "heavy_top").output
+    free, heavy = invoke("show dzhanibekov").output, invoke("show heavy_top").output
     assert "effects: none (free body); without attitude" in free
     assert "effects: gravity(g = 9.81); with attitude" in heavy
     for text in (free, heavy):
@@ -258,7 +221,7 @@ def test_effects_are_listed():
     from rigidmc.physics.effects import EFFECTS
     from rigidmc.physics.effects.protocol import user_parameters
 
-    listing = run("effects").output
+    listing = invoke("effects").output
     for name, kind in EFFECTS.items():
         assert f"\n{name} " in f"\n{listing}"
         assert all(field in listing for field in user_parameters(kind))
@@ -272,7 +235,7 @@ def test_effects_are_priced(monkeypatch):
     monkeypatch.setattr(
         price, "cost_per_step", lambda *arguments: 2.5
     )  # what it measures is compiled for minutes
-    listing = run("effects", "--measure").output
+    listing = invoke("effects --measure").output
     assert "a step of rk4 on one thread: 2.50 ns for the momentum alone" in listing
     # gravity
     assert listing.count("27 operations per torque; 2.50 ns per step alone; adds 0.00 ns") == 1
@@ -281,12 +244,12 @@ def test_effects_are_priced(monkeypatch):
 
 
 def test_check_scenes_integrators_doctor():
-    assert run("check", "heavy_top").exit_code == 0
-    listing = run("scenes").output
+    assert invoke("check heavy_top").exit_code == 0
+    listing = invoke("scenes").output
     assert all(name in listing for name in ("dzhanibekov", "toutatis", "cylinder_on_edge"))
-    assert run("scenes", "toutatis").output.startswith("title")
-    assert all(name in run("integrators").output for name in ("rk4", "rkmk4", "strang", "exact"))
-    facts = run("doctor").output
+    assert invoke("scenes toutatis").output.startswith("title")
+    assert all(name in invoke("integrators").output for name in ("rk4", "rkmk4", "strang", "exact"))
+    facts = invoke("doctor").output
     assert all(word in facts for word in ("vectors", "threads", "kernel cache", "numba"))
 
 
@@ -297,29 +260,20 @@ def test_nasa_brick_from_the_command_line(tmp_path):
     expected = (12.61839077591422, -17.39747476161139, 31.11958888694434)
     for words in ([], ["--integrator", "exact", "--dt", "30", "--every", "30"]):
         out = tmp_path / f"n{len(words)}.nc"
-        assert run("run", "nasa_brick", *words, "-o", out).exit_code == 0
+        assert invoke("run nasa_brick", *words, "-o", out).exit_code == 0
         with rm.open(out) as ds:
             error = np.abs(np.degrees(ds.omega.values[-1, :, 0]) - expected).max()
         assert error < 5e-12  # measured 5.3e-13 and 1.2e-14; target 1e-9
     rough = tmp_path / "rough.nc"
-    run("run", "nasa_brick", "--dt", "0.1", "-o", rough)
+    invoke("run nasa_brick --dt 0.1 -o", rough)
     with rm.open(rough) as ds:
         assert np.abs(np.degrees(ds.omega.values[-1, :, 0]) - expected).max() > 1e-6
 
 
 @pytest.mark.slow
 def test_accuracy(tmp_path):
-    words = (
-        "accuracy",
-        "nasa_brick",
-        "--integrators",
-        "exact,rk8",
-        "--members",
-        16,
-        "--tolerances",
-        "1e-4,1e-8",
-    )
-    result = run(*words, "-o", tmp_path / "a.nc", "--plot", tmp_path / "a.png")
+    words = "accuracy nasa_brick --integrators exact,rk8 --members 16 --tolerances 1e-4,1e-8"
+    result = invoke(words, "-o", tmp_path / "a.nc", "--plot", tmp_path / "a.png")
     assert result.exit_code == 0
     assert "truth: closed form of the free top" in result.output
     assert "for 1e-08: exact " in result.output
@@ -328,47 +282,34 @@ def test_accuracy(tmp_path):
     with pytest.raises(rm.FileError, match="a map or a study, not a result with members"):
         rm.open(tmp_path / "a.nc")
     assert (tmp_path / "a.png").stat().st_size > 20_000
-    failed(run(*words, "-o", tmp_path / "a.nc"), 6, "a.nc")
-    failed(
-        run("accuracy", "nasa_brick", "--tolerances", "1e-4;1e-8"),
-        3,
-        "expected numbers separated by commas",
-    )
-    failed(
-        run("accuracy", "nasa_brick", "--integrators", "chin4,exakt"),
-        3,
-        "exakt",
-        "did you mean 'exact'",
-    )
-    drift = run("accuracy", "nasa_brick", "--long", "--steps", 5000, "--integrators", "rk8,exact")
+    failed(invoke(words, "-o", tmp_path / "a.nc"), 6, "a.nc")
+    wrong = invoke("accuracy nasa_brick --tolerances 1e-4;1e-8")
+    failed(wrong, 3, "expected numbers separated by commas")
+    wrong = invoke("accuracy nasa_brick --integrators chin4,exakt")
+    failed(wrong, 3, "exakt", "did you mean 'exact'")
+    drift = invoke("accuracy nasa_brick --long --steps 5000 --integrators rk8,exact")
     assert drift.exit_code == 0
     assert "rk8        energy " in drift.output
 
 
 @pytest.mark.slow
 def test_run_with_a_tolerance(tmp_path):
-    result = run("run", "nasa_brick", "--tolerance", "1e-9", "-o", tmp_path / "a.nc")
+    result = invoke("run nasa_brick --tolerance 1e-9 -o", tmp_path / "a.nc")
     assert result.exit_code == 0
     assert "for a tolerance of 1e-09: " in result.output
     assert "keep the tolerance" in result.output
     assert "about " in result.output
-    failed(
-        run("run", "nasa_brick", "--tolerance", "1e-16"),
-        3,
-        "out of reach of double precision here",
-        "the best is",
-    )
-    failed(run("run", "nasa_brick", "--integrator", "auto"), 3, "tolerance", "is missing")
+    far = "out of reach of double precision here", "the best is"
+    failed(invoke("run nasa_brick --tolerance 1e-16"), 3, *far)
+    failed(invoke("run nasa_brick --integrator auto"), 3, "tolerance", "is missing")
 
 
 def test_steps_of_their_own(tmp_path):
-    result = run("run", "tennis_racket", "--turn", "0.2", "--members", 40, "-o", tmp_path / "a.nc")
+    result = invoke("run tennis_racket --turn 0.2 --members 40 -o", tmp_path / "a.nc")
     assert result.exit_code == 0
     assert "different for each member" in result.output
-    failed(
-        run("run", "tennis_racket", "--turn", "0.2", "--dt", "0.1"), 3, "give dt or turn, not both"
-    )
-    assert "different for each member, " in run("show", "tennis_racket", "--turn", "0.2").output
+    failed(invoke("run tennis_racket --turn 0.2 --dt 0.1"), 3, "give dt or turn, not both")
+    assert "different for each member, " in invoke("show tennis_racket --turn 0.2").output
 
 
 @pytest.mark.slow  # 8 s, in a process; tests/studies/test_stress.py has the same study in Python
@@ -387,43 +328,30 @@ def test_stress_of_a_group(tmp_path, monkeypatch):
     monkeypatch.setattr(hard_cases, "carry_out", once)
     files = [tmp_path / name for name in ("s.nc", "s.png", "b.csv")]
     words = ("stress", "--group", "H5", "--integrator", "exact")
-    made = run(*words, "-o", files[0], "--plot", files[1], "--write-bounds", files[2])
+    made = invoke(*words, "-o", files[0], "--plot", files[1], "--write-bounds", files[2])
     assert made.exit_code == 0, made.output
     assert "5 cases, 5 runs: " in made.output and " above," not in made.output
     assert all(file.stat().st_size > 100 for file in files)
-    failed(run(*words, "-o", files[0]), 6, "exists")
+    failed(invoke(*words, "-o", files[0]), 6, "exists")
     with xr.open_dataset(files[0]) as found:
         error = float(found.error.sel(case="needle", integrator="exact"))
     files[2].write_text(f"group,case,integrator,bound,measured\nH5,needle,exact,{0.1 * error},\n")
-    failed(run(*words, "--bounds", files[2]), 4, "10.00  H5 needle, exact", "1 above")
+    failed(invoke(*words, "--bounds", files[2]), 4, "10.00  H5 needle, exact", "1 above")
     files[2].write_text("group,case,integrator,bound,measured\nH5,needle,exact,-1.0,\n")
-    failed(run(*words, "--bounds", files[2]), 3, "not negative")
+    failed(invoke(*words, "--bounds", files[2]), 3, "not negative")
 
 
 def test_stress_of_a_scene(tmp_path):
     words = "-o", tmp_path / "t.nc", "--plot", tmp_path / "t.png"
-    made = run("stress", "nasa_brick", "--quick", *words, "--write-bounds", tmp_path / "b.csv")
+    made = invoke("stress nasa_brick --quick", *words, "--write-bounds", tmp_path / "b.csv")
     assert made.exit_code == 0, made.output
     assert "b.csv was not written: this study has no tables of bounds" in made.output
     for option in (("--group", "H2"), ("--bounds", "b.csv")):
-        failed(run("stress", "nasa_brick", *option), 3, f"{option[0]} = '{option[1]}'", "a scene")
+        failed(invoke("stress nasa_brick", *option), 3, f"{option[0]} = '{option[1]}'", "a scene")
     assert "verdict: trust 12 digits to t = 30 s" in made.output
     assert (tmp_path / "t.png").exists()
-    failed(
-        run(
-            "stress",
-            "nasa_brick",
-            "--quick",
-            "--set",
-            "run.dt=20.0",
-            "--set",
-            "run.every=3000.0",
-            "--set",
-            "run.t_end=3000.0",
-        ),
-        4,
-        "the step is too long",
-    )
+    long = "--set run.dt=20.0 --set run.every=3000.0 --set run.t_end=3000.0"
+    failed(invoke(f"stress nasa_brick --quick {long}"), 4, "the step is too long")
 
 
 def test_force_is_refused_for_run_directories_that_exist(tmp_path):

@@ -6,12 +6,12 @@ import sys
 
 import pytest
 import typer
-from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.cli.commands import PANELS
 from rigidmc.version import VERSION
+from tests.tools.commands import invoke
 
 
 def test_commands_are_in_panels_and_run_is_the_first():
@@ -20,7 +20,7 @@ def test_commands_are_in_panels_and_run_is_the_first():
     panels = [group.commands[name].rich_help_panel for name in names]
     assert names[0] == "run" and sorted(panels, key=PANELS.index) == panels
     assert set(panels) == set(PANELS)
-    shown = CliRunner().invoke(app, ["--help"]).stdout
+    shown = invoke("--help").stdout
     places = [shown.index(f"─ {panel} ─") for panel in PANELS]
     assert places == sorted(places)
 
@@ -93,9 +93,9 @@ def test_a_command_ends_without_a_search_for_cycles():
 def test_short_options():
     for words in (["-h"], ["run", "-h"], ["map", "-h"]):
         long = [word.replace("-h", "--help") for word in words]
-        done = CliRunner().invoke(app, words)
-        assert done.exit_code == 0 and done.stdout == CliRunner().invoke(app, long).stdout
-    assert CliRunner().invoke(app, ["--version"]).stdout == f"rigidmc {VERSION}\n"
+        done = invoke(*words)
+        assert done.exit_code == 0 and done.stdout == invoke(*long).stdout
+    assert invoke("--version").stdout == f"rigidmc {VERSION}\n"
 
 
 @pytest.mark.parametrize(("words", "completed"), [

@@ -7,19 +7,15 @@ import warnings
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app, new
+from rigidmc.cli import new
 from rigidmc.cli.new import read_numbers, read_sizes
 from rigidmc.errors import OptionError
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.views.new_scene import SIZES
+from tests.tools.commands import invoke
 from tests.tools.plans import notes_of, plan_of
-
-
-def invoke(*words, **more):
-    return CliRunner().invoke(app, [str(word) for word in words], **more)
 
 
 def written(folder, *words, **more):

@@ -8,16 +8,15 @@ import sys
 
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.cli.reporting import Stream
 from rigidmc.errors import FileError, OptionError, SceneError, terminal_text
 from rigidmc.files.reading import harmless
 from rigidmc.planning.steps import make_time_grid
 from rigidmc.statistics.measures import measure
 from rigidmc.studies.section.points import crossing_of, period_of
+from tests.tools.commands import invoke
 from tests.tools.faulty import LINUX
 
 EVIL = "\x1b]0;title\x07\x1b[2J\x9b31m\u202egnp.exe\r\x00\x7f"
@@ -110,7 +109,7 @@ def test_a_path_that_is_not_utf_8_is_refused_before_work(words, tmp_path, monkey
     open(folder + b"/b.nc", "wb").close()
     monkeypatch.chdir(os.fsdecode(folder))
     there = sorted(os.listdir(folder))
-    done = CliRunner().invoke(app, words)
+    done = invoke(*words)
     assert done.exit_code == 3 and "not UTF-8" in done.stderr and "nothing was done" in done.stderr
     assert sorted(os.listdir(folder)) == there
     with pytest.raises(FileError, match="not UTF-8"):

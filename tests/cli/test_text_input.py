@@ -6,10 +6,8 @@ import sys
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.inputs.amounts import read_count, read_count_text, read_seconds
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.integrators import INTEGRATORS
@@ -19,6 +17,7 @@ from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.settings import Run, idle
 from rigidmc.studies.stability_map.case import MAPS
 from rigidmc.studies.stability_map.question import make_request
+from tests.tools.commands import invoke
 from tests.tools.plans import notes_of, plan_of
 
 BODY = rm.Body.from_moments((1.0, 2.0, 2.5))
@@ -29,10 +28,6 @@ TEXT = "[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\nomega = [0.0, 1.0, 0.0]\n[ru
 
 def noted(scene):
     return notes_of(scene)
-
-
-def invoke(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 # counts and times
@@ -101,15 +96,10 @@ def test_counts_and_times_are_taken_in_files_in_python_and_on_the_command_line()
     assert ds.sizes["member"] == 4 and ds.time.values.tolist() == [0.0, 0.05, 0.1]
     assert (
         "valid, 2,000 members x 6,000 steps"
-        in invoke(
-            "check", "dzhanibekov", "--set", "run.members=2e3", "--set", "run.t_end=1 min"
-        ).stdout
+        in invoke("check dzhanibekov --set run.members=2e3 --set", "run.t_end=1 min").stdout
     )
-    assert (
-        "1,000,000 in blocks"
-        in invoke("show", "dzhanibekov", "--members", "1e6", "--t-end", "1 min").stdout
-    )
-    assert "member 0" in invoke("exact", "dzhanibekov", "--at", "-1s", "--members", "1e1").stdout
+    assert "1,000,000 in blocks" in invoke("show dzhanibekov --members 1e6 --t-end", "1 min").stdout
+    assert "member 0" in invoke("exact dzhanibekov --at -1s --members 1e1").stdout
     for words in (
         ("--members", "1.5"),
         ("--t-end", "soon"),
@@ -117,7 +107,7 @@ def test_counts_and_times_are_taken_in_files_in_python_and_on_the_command_line()
         ("--every", "0 s"),
         ("--threads", "0"),
     ):
-        made = invoke("run", "dzhanibekov", *words)
+        made = invoke("run dzhanibekov", *words)
         assert (
             made.exit_code == 3 and words[0] in made.stderr and "expected" in made.stderr
         ) or "greater" in made.stderr
@@ -155,7 +145,7 @@ def test_a_tolerance_that_no_integrator_keeps_is_refused():
         rm.SceneError, match=r'tolerance = 1e-06: integrator = "rk4" ignores a tolerance'
     ):
         rm.prepare(rm.Scene.loads(TEXT + 'integrator = "rk4"\ntolerance = 1e-6'))
-    assert invoke("run", "heavy_top", "--integrator", "rk4", "--tolerance", "1e-6").exit_code == 3
+    assert invoke("run heavy_top --integrator rk4 --tolerance 1e-6").exit_code == 3
     for both in ("dt = 0.1\nturn = 0.1", 'turn = 0.2\ndt = "1 s"'):
         with pytest.raises(rm.SceneError, match="give dt or turn, not both"):
             rm.Scene.loads(TEXT + both)
@@ -439,7 +429,7 @@ def test_every_name_is_explained():
         made = invoke(command, name)
         assert made.exit_code == 0 and "in a scene" in made.stdout, (name, made.exception)
         assert ">>>" not in made.stdout and "----" not in made.stdout  # of numpydoc
-    assert "motor = [0, 0, 0]" in invoke("effects", "rotor").stdout
+    assert "motor = [0, 0, 0]" in invoke("effects rotor").stdout
 
 
 @pytest.mark.parametrize(("words", "parts"), [
@@ -555,7 +545,7 @@ def test_body_says_that_a_body_cannot_exist(tmp_path):
     text += "centre = [C, 0, 0]\n"
     for c, words in (("0.16", 1), ("0.05", 0)):
         (tmp_path / "leg.toml").write_text(text.replace("C", c) + "[start]\nomega = [0, 0, 0]\n")
-        told = CliRunner().invoke(app, ["body", str(tmp_path / "leg.toml")])
+        told = invoke("body", tmp_path / "leg.toml")
         assert told.exit_code == 0 and told.output.count("the body cannot exist") == words
-        told = CliRunner().invoke(app, ["body", str(tmp_path / "leg.toml"), "--json"])
+        told = invoke("body", tmp_path / "leg.toml", "--json")
         assert json.loads(told.stdout)["exists"] == (words == 0)

@@ -20,7 +20,6 @@ import llvmlite.binding as llvm
 import numpy as np
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
 import rigidmc as rm
 from bench import device as device_bench
@@ -36,7 +35,6 @@ from bench.gpu import (
     scenes,
     tool,
 )
-from rigidmc.cli import app
 from rigidmc.engine import linked
 from rigidmc.engine.compiler import disk_cache
 from rigidmc.engine.compiler import kernels as pieces
@@ -68,6 +66,7 @@ from rigidmc.studies import bits
 from rigidmc.studies.bits import cases
 from tests.engine.kernel.test_last_interval import scene as shortened
 from tests.engine.test_bits import EXACT, NAMES, changed
+from tests.tools.commands import invoke
 from tests.tools.fake_cuda import fake as fake
 from tests.tools.plans import plan_of, program_of
 
@@ -85,10 +84,6 @@ SOME = [one if one == "rk4" else pytest.param(one, marks=pytest.mark.slow) for o
 GROWING = next(one for one in cases(("strang",), ("heavy",)) if "works" in one.name).scene
 # of runs that monitor nothing
 ALONE = {"integrator": "rk4", "dt": 0.02, "t_end": 2.0, "members": 70, "save": ("momentum",)}
-
-
-def invoked(*words):
-    return CliRunner().invoke(app, list(map(str, words)))
 
 
 def test_works_and_the_growth_of_tangents_have_the_bits_of_the_processor(fake):
@@ -459,17 +454,17 @@ def test_the_code_is_kept(fake, monkeypatch, tmp_path):
 
 def test_doctor_compares_and_measures(fake, monkeypatch):
     fake()
-    shown = invoked("doctor").output
+    shown = invoke("doctor").output
     assert "cuda:0           Fake 0, compute capability 9.0, 132 multiprocessors" in shown
     some = bits.cases(("rk4",), ("heavy",))[:1]
     monkeypatch.setattr(bits, "cases", lambda: some)
     monkeypatch.setattr(bits, "speeds", lambda word: [("free, rk4", 7.5e10, 7.5e10 * 196)])
-    found = invoked("doctor", "--cuda-check")
+    found = invoke("doctor --cuda-check")
     assert found.exit_code == 0
     assert "same bits       heavy, rk4, 0.05" in found.output
     assert "75.00 G steps/s, 44 % of the float64 peak  free, rk4" in found.output
     monkeypatch.setattr(bits, "digest", lambda scene, device=None: object())
-    assert invoked("doctor", "--cuda-check").exit_code == 4
+    assert invoke("doctor --cuda-check").exit_code == 4
 
 
 def test_speeds_are_of_steps_that_watch_nothing(monkeypatch):
@@ -524,23 +519,23 @@ def test_commands_take_a_device(fake, monkeypatch, tmp_path):
     scene = tmp_path / "tops.toml"
     scene.write_text(SCENE.dumps())
     words = ("run", scene, "--members", 96, "--shard-size", 0.001, "-o")
-    assert invoked(*words, f"{tmp_path}/there/", "--device", "cuda").exit_code == 0
+    assert invoke(*words, f"{tmp_path}/there/", "--device", "cuda").exit_code == 0
     assert driver.launches
     moved = len(driver.launches)
-    assert invoked(*words, f"{tmp_path}/here/").exit_code == 0 and len(driver.launches) == moved
+    assert invoke(*words, f"{tmp_path}/here/").exit_code == 0 and len(driver.launches) == moved
     names = [sorted(p.name for p in (tmp_path / x / "shards").iterdir()) for x in ("here", "there")]
     assert names[0] == names[1]
 
     monkeypatch.setattr(price, "DEVICE_BLOCK", 32)
     monkeypatch.setattr(price, "LONG", 0.01)
-    shown = invoked("show", scene, "--device", "cuda:0").output
+    shown = invoke("show", scene, "--device", "cuda:0").output
     assert "ns per member-step on one GPU" in shown
     assert "Fake 0, blocks of 128 threads, 256 resident per multiprocessor" in shown
 
     alike = "sensitivity", scene, "--of", "mean(nutation_max)", "--families", 16, "-o"
     for where, more in (("here", ()), ("there", ("--device", "cuda"))):
         file = tmp_path / f"{where}.nc"
-        assert invoked(*alike, file, *more).exit_code == 0
+        assert invoke(*alike, file, *more).exit_code == 0
     files = [xr.open_dataset(tmp_path / f"{where}.nc") for where in ("here", "there")]
     with files[0] as here, files[1] as there:
         assert here.total.values.tobytes() == there.total.values.tobytes()
@@ -574,11 +569,11 @@ def test_commands_move_members_on_the_device(words, fake, monkeypatch, tmp_path)
     folders = [()] if "--until" in words else [(), ("-o", f"{tmp_path}/run/")]
     for where in folders:
         moved = len(driver.launches)
-        found = invoked(*command, *where, "--device", "cuda")
+        found = invoke(*command, *where, "--device", "cuda")
         assert found.exit_code in (0, 4, 5), found.output
         assert len(driver.launches) > moved
     moved = len(driver.launches)
-    assert invoked(*command).exit_code in (0, 4, 5)
+    assert invoke(*command).exit_code in (0, 4, 5)
     assert len(driver.launches) == moved
 
 
@@ -591,7 +586,7 @@ def test_commands_move_members_on_the_device(words, fake, monkeypatch, tmp_path)
 )
 def test_a_wrong_device_is_one_message(word, code, rule, fake, tmp_path):
     fake()
-    found = invoked("run", "dzhanibekov", "--device", word, "-o", tmp_path / "a.nc")
+    found = invoke("run dzhanibekov --device", word, "-o", tmp_path / "a.nc")
     assert found.exit_code == code and rule in found.output and "Traceback" not in found.output
     assert not list(tmp_path.iterdir())
 
@@ -601,9 +596,9 @@ def test_a_device_that_is_lost_leaves_a_run_that_goes_on(fake, tmp_path):
     scene.write_text(SCENE.dumps())
     words = ("run", scene, "--members", 9000, "--shard-size", 0.001, "-o", f"{tmp_path}/run/")
     fake(fail_at=3)
-    found = invoked(*words, "--device", "cuda", "--threads", 1)
+    found = invoke(*words, "--device", "cuda", "--threads", 1)
     assert found.exit_code == 74 and "CUDA_ERROR_LAUNCH_FAILED" in found.output
-    assert invoked("resume", tmp_path / "run").exit_code == 0
+    assert invoke("resume", tmp_path / "run").exit_code == 0
     with rm.open(tmp_path / "run") as ds:
         alone = rm.simulate(SCENE, members=9000)
         assert ds.momentum.values.tobytes() == alone.momentum.values.tobytes()

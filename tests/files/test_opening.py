@@ -7,14 +7,13 @@ import shutil
 import signal
 
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.errors import FileError
 from rigidmc.files import opening, outputs
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
+from tests.tools.commands import invoke
 from tests.tools.faulty import LINUX
 
 pytestmark = LINUX
@@ -102,7 +101,7 @@ def test_what_is_planted_in_a_run_leads_nowhere(good, tmp_path, kind, monkeypatc
             place.symlink_to(where.get(kind, "/dev/zero"))
         os.utime(place, (0, 0), follow_symlinks=False)
         with within(60.0):
-            done = CliRunner().invoke(app, [words[0], "run", *words[1:]])
+            done = invoke(words[0], "run", *words[1:])
         assert isinstance(done.exception, SystemExit | None), (name, words, done.exception)
         assert "Traceback" not in done.stderr and content(user) == before, (name, words)
         codes.append(done.exit_code)

@@ -20,10 +20,8 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.figure import Figure
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.errors import NoRoom, OutputExists
 from rigidmc.files import outputs
 from rigidmc.files.netcdf import in_netcdf_thread
@@ -36,6 +34,7 @@ from rigidmc.studies.stress import hard_cases, trust
 from rigidmc.studies.stress import picture as stress_picture
 from rigidmc.views import animation
 from tests.tools import torture_outputs
+from tests.tools.commands import invoke
 from tests.tools.faulty import LINUX, limited
 from tests.tools.torture import COMMAND
 
@@ -46,10 +45,6 @@ SCENE = rm.Scene(
 ).with_run(integrator="rk4", dt=0.05, t_end=1.0, members=100, save=("omega",))
 STUDY = xr.Dataset({"error": ("n", np.arange(3.0))})
 OLD = b"precious"
-
-
-def invoke(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 def parts(folder):
@@ -122,7 +117,7 @@ def test_a_result_whose_name_is_taken_at_the_end_is_kept_under_another(tmp_path)
     with patch.object(
         prepare, "compute", lambda *given, **more: (compute(*given, **more), taken())[0]
     ):
-        told = invoke("run", "nasa_brick", "--t-end", 0.1, "-o", path)
+        told = invoke("run nasa_brick --t-end 0.1 -o", path)
     assert told.exit_code == 6 and str(tmp_path / "r.2.nc") in told.stderr
     assert path.read_bytes() == OLD
     with rm.open(tmp_path / "r.2.nc") as kept:
@@ -171,7 +166,7 @@ def test_a_failure_of_ffmpeg_is_reported(tmp_path, monkeypatch):
     """Before: exit 0 if it died before the last frame, a traceback if it returned an exit code."""
     (tmp_path / "bin").mkdir()
     monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{os.environ['PATH']}")
-    assert invoke("run", "nasa_brick", "--t-end", 0.1, "-o", tmp_path / "r.nc").exit_code == 0
+    assert invoke("run nasa_brick --t-end 0.1 -o", tmp_path / "r.nc").exit_code == 0
     for script in ("cat > /dev/null; exit 1", "exit 0", "exit 1"):
         (tmp_path / "bin" / "ffmpeg").write_text(f"#!/bin/sh\n{script}\n")
         (tmp_path / "bin" / "ffmpeg").chmod(0o755)
@@ -232,7 +227,7 @@ def test_a_bad_folder_gets_the_right_message(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OutputExists, match="not a file that can be replaced"):
         outputs.refuse_existing(tmp_path / "pipe", True)
-    told = invoke("map", "intermediate_axis", "-o", tmp_path / "m.nc", "--resolution", 10**6)
+    told = invoke("map intermediate_axis -o", tmp_path / "m.nc", "--resolution", 10**6)
     assert told.exit_code == 74 and "nothing was written" in told.stderr
 
 
@@ -316,7 +311,7 @@ def test_parts_of_killed_runs_are_cleaned_up(tmp_path):
     with outputs.PartialFile(tmp_path / "mine") as mine:
         with open(mine, "w"):
             pass
-        assert invoke("run", "nasa_brick", "--t-end", 0.1, "-o", tmp_path / "r.nc").exit_code == 0
+        assert invoke("run nasa_brick --t-end 0.1 -o", tmp_path / "r.nc").exit_code == 0
         assert os.path.exists(mine)
     assert sorted(os.listdir(tmp_path)) == sorted(
         [f"{here}-{os.getppid()}-1", ".part-elsewhere-7-1", ".part-notes", "mine", "r.nc"]

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 from rigidmc import Body, SceneError, SceneWarning
-from rigidmc.cli import app
 from rigidmc.mechanics import inertia, mesh, rotation, solids
+from tests.tools.commands import invoke
 
 RNG = np.random.default_rng(33)
 COORDINATE = st.floats(-2.0, 2.0)
@@ -330,9 +329,7 @@ class TestMesh:
     def test_body_command_on_an_stl(self, tmp_path):
         made = self.trimesh.creation.cylinder(radius=10.0, height=40.0, sections=512)
         made.export(tmp_path / "part.stl")
-        shown = CliRunner().invoke(
-            app, ["body", str(tmp_path / "part.stl"), "--density", "7850", "--scale", "0.001"]
-        )
+        shown = invoke("body", tmp_path / "part.stl", "--density", "7850", "--scale", "0.001")
         assert shown.exit_code == 0
         assert "prolate" in shown.stdout
         exact = Body.solid("cylinder", mass=7850 * np.pi * 0.01**2 * 0.04, radius=0.01, height=0.04)
@@ -347,7 +344,7 @@ class TestMesh:
         holed, flipped = made.copy(), made.faces.copy()
         holed.update_faces(np.arange(len(made.faces)) > 0)
         holed.export(tmp_path / "holed.stl")
-        shown = CliRunner().invoke(app, ["body", str(tmp_path / "holed.stl")])
+        shown = invoke("body", tmp_path / "holed.stl")
         assert shown.exit_code == 3
         assert "3 edges with only one triangle" in shown.stderr
         flipped[0] = flipped[0][::-1]
@@ -355,16 +352,16 @@ class TestMesh:
         with pytest.raises(SceneError, match="outward"):
             mesh.mass_properties(np.asarray(made.triangles)[:, ::-1], 1.0)
         (tmp_path / "none.stl").write_text("no mesh")
-        assert CliRunner().invoke(app, ["body", str(tmp_path / "none.stl")]).exit_code == 3
-        assert CliRunner().invoke(app, ["body", str(tmp_path / "missing.stl")]).exit_code == 74
+        assert invoke("body", tmp_path / "none.stl").exit_code == 3
+        assert invoke("body", tmp_path / "missing.stl").exit_code == 74
 
 
 def test_body_command_on_scenes():
-    shown = CliRunner().invoke(app, ["body", "cylinder_on_edge"]).stdout
+    shown = invoke("body cylinder_on_edge").stdout
     assert "0.005               (0.755928946, 0, -0.6546536707)" in shown
-    shown = CliRunner().invoke(app, ["body", "dzhanibekov"]).stdout
+    shown = invoke("body dzhanibekov").stdout
     assert "unstable about axis 3: a disturbance grows as exp(0.637134 omega t)" in shown
-    assert CliRunner().invoke(app, ["body", "nasa_brick", "--json"]).stdout.startswith("{")
+    assert invoke("body nasa_brick --json").stdout.startswith("{")
 
 
 def test_a_centre_lies_too_far_where_second_moments_are_negative():

@@ -6,6 +6,7 @@ import pytest
 import rigidmc as rm
 from rigidmc import Body, SceneError
 from rigidmc.mechanics import mesh
+from tests.tools.commands import invoke
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -112,9 +113,6 @@ def test_bad_options(options, rule):
 
 
 def test_body_command_refuses_what_it_cannot_say(tmp_path):
-    from typer.testing import CliRunner
-
-    from rigidmc.cli import app
 
     text = (
         "[body]\nmoments = [{ uniform = [1.0, 1.1] }, 2.0, 2.5]\n[start]\nomega = [0.0, 1.0, 0.0]\n"
@@ -124,7 +122,7 @@ def test_body_command_refuses_what_it_cannot_say(tmp_path):
         (["body", str(tmp_path / "many.toml")], "differs from member"),
         (["body", "dzhanibekov", "--mass", "3"], "files with a body only"),
     ):
-        shown = CliRunner().invoke(app, words)
+        shown = invoke(*words)
         assert shown.exit_code == 3
         assert rule in shown.stderr
         assert shown.stderr.count("\n") == 1

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from rigidmc import (
     Body,
@@ -16,19 +15,19 @@ from rigidmc import (
     grid,
     normal,
 )
-from rigidmc.cli import app
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.runs.simulate import simulate
 from rigidmc.studies.closed_form import compare
 from tests.tools import reference
+from tests.tools.commands import invoke
 from tests.tools.plans import closed_form
 
 LAGRANGE = Body.from_moments((0.5, 0.5, 0.2), mass=1.0, centre=(0.0, 0.0, 0.1))
 
 
 def run(*arguments):
-    return CliRunner().invoke(app, ["exact", *arguments])
+    return invoke("exact", *arguments)
 
 
 def worst(scene, members=64, **settings):

@@ -14,10 +14,8 @@ import warnings
 import netCDF4
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.errors import FileError, SceneError, SceneWarning
 from rigidmc.files.outputs import PartialFile
 from rigidmc.files.reading import DEPTH, toml
@@ -29,6 +27,7 @@ from rigidmc.runs.directory.facts import facts_text
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.studies.stress.hard_cases import load_bounds
 from tests.tools import hostile
+from tests.tools.commands import invoke
 
 fcntl = pytest.importorskip("fcntl", reason="locks, pipes and limits are those of POSIX")
 resource = pytest.importorskip("resource")
@@ -100,7 +99,7 @@ def test_toml_is_nested_a_hundred_deep_at_most(text, tmp_path):
         'a = "' + "[" * 1000 + '"  # ' + "[" * 1000
     )
     (tmp_path / "deep.toml").write_text(text)
-    assert CliRunner().invoke(app, ["check", str(tmp_path / "deep.toml")]).exit_code == 3
+    assert invoke("check", tmp_path / "deep.toml").exit_code == 3
 
 
 CHANGES = {
@@ -157,7 +156,7 @@ def test_a_result_must_match_its_scene(result, tmp_path, name):
         rm.open(path)
     assert path in str(error.value)
     for command in (["summary", path], ["show", path], ["rerun", path, "--member", "1"]):
-        done = CliRunner().invoke(app, command)
+        done = invoke(*command)
         assert done.exit_code == 3 and len(done.stderr.splitlines()) == 1, done.output
 
 
@@ -171,7 +170,7 @@ def test_any_attribute_may_be_anything(result, tmp_path, value):
     for name in hostile.Stored(result).attrs:
         path = changed(result, tmp_path / "x.nc", lambda f, n=name: f.attrs.update({n: value}))
         for command in (["summary", path], ["show", path], ["rerun", path, "--member", "1"]):
-            done = CliRunner().invoke(app, command)
+            done = invoke(*command)
             told = f"{name} {done.output} {done.exception}"
             assert done.exit_code == 0 or (
                 done.exit_code == 3 and done.stderr.splitlines()[-1].startswith("rigidmc: ")
@@ -301,7 +300,7 @@ def test_a_run_of_too_many_members_is_refused_before_it_is_counted(directory, fa
     with_facts(directory, **{"shard": 32, "block": 32, **facts})
     before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     for command in ("status", "resume", "verify"):
-        done = CliRunner().invoke(app, [command, directory.path])
+        done = invoke(command, directory.path)
         assert (
             done.exit_code == 3
             and done.stderr.count("rigidmc:") == 1
@@ -317,9 +316,9 @@ def test_a_run_of_too_many_members_is_refused_before_it_is_counted(directory, fa
 def test_the_status_of_ten_million_shards_is_quick(directory):
     with_facts(directory, members=2**53, shard=2**30, block=2**20)
     before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
-    assert CliRunner().invoke(app, ["status", directory.path]).exit_code == 5
+    assert invoke("status", directory.path).exit_code == 5
     # so much memory is not free
-    assert CliRunner().invoke(app, ["resume", directory.path]).exit_code == 74
+    assert invoke("resume", directory.path).exit_code == 74
     assert (
         resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 3e5
         and time.process_time() - began < 2.0
@@ -339,7 +338,7 @@ def test_damaged_lines_of_the_journal_are_left_out(directory):
     with pytest.warns(SceneWarning, match=f"{len(lines) - 1} damaged lines are ignored"):
         assert run_directory.status(directory.path)["rate"] is None
     for command in ("status", "resume", "verify", "summary"):
-        told = CliRunner().invoke(app, [command, directory.path])
+        told = invoke(command, directory.path)
         assert told.exit_code == 0 and "Traceback" not in told.output, told.output
         assert ("damaged lines" in told.stderr) == (command != "summary")
     lines.append("x" * 2_000_000 + '\n{"time": 9.05e10, "event": "begun"}')
@@ -356,7 +355,7 @@ def test_a_part_of_a_process_that_does_not_exist_is_deleted(directory):
     part = pathlib.Path(some.path)
     part = part.with_name(part.name.replace(f"-{os.getpid()}-", f"-{'9' * 20}-"))
     part.write_text("")
-    assert CliRunner().invoke(app, ["resume", directory.path]).exit_code == 0 and not part.exists()
+    assert invoke("resume", directory.path).exit_code == 0 and not part.exists()
 
 
 def test_a_pipe_in_place_of_a_file_is_not_waited_for(result, directory, tmp_path):
@@ -381,7 +380,7 @@ def test_a_pipe_in_place_of_a_file_is_not_waited_for(result, directory, tmp_path
             ["check", "scene.toml"],
             ["check", "other.toml"],
         ):
-            done = CliRunner().invoke(app, [words[0], str(tmp_path / words[1])])
+            done = invoke(words[0], tmp_path / words[1])
             assert done.exit_code == 3 and "is a pipe" in done.stderr, (words, done.output)
         with pytest.raises(FileError, match="is a pipe"):
             load_bounds(str(pipe))
@@ -389,7 +388,7 @@ def test_a_pipe_in_place_of_a_file_is_not_waited_for(result, directory, tmp_path
             place = pathlib.Path(directory.path) / name
             place.unlink(missing_ok=True)
             place.symlink_to(pipe)
-            assert CliRunner().invoke(app, ["resume", directory.path]).exit_code == code, name
+            assert invoke("resume", directory.path).exit_code == code, name
         refuse_unreadable(result)
 
 
@@ -406,7 +405,7 @@ def test_devices_folders_and_binary_files_are_named(tmp_path):
         ("x.nc", "not a netCDF file"),
         ("long.toml", "larger than 4 MB"),
     ):
-        done = CliRunner().invoke(app, ["show", str(tmp_path / name)])
+        done = invoke("show", tmp_path / name)
         assert done.exit_code == 3 and words in done.stderr and name in done.stderr, done.output
 
 
@@ -418,9 +417,7 @@ def test_without_locks_nothing_is_written_and_the_remedy_is_named(monkeypatch, t
     monkeypatch.setattr(fcntl, "flock", flock)
     (tmp_path / "scene.toml").write_text(SCENE.with_run(members=40, **RUN).dumps())
     for out in ("run/", "one.nc"):
-        done = CliRunner().invoke(
-            app, ["run", str(tmp_path / "scene.toml"), "-o", f"{tmp_path}/{out}"]
-        )
+        done = invoke("run", tmp_path / "scene.toml", "-o", f"{tmp_path}/{out}")
         assert (
             done.exit_code == 74
             and "HDF5_USE_FILE_LOCKING=FALSE" in done.stderr
@@ -429,9 +426,7 @@ def test_without_locks_nothing_is_written_and_the_remedy_is_named(monkeypatch, t
     assert os.listdir(tmp_path) == ["scene.toml"]
     monkeypatch.setenv("HDF5_USE_FILE_LOCKING", "FALSE")
     for out in ("run/", "one.nc"):
-        done = CliRunner().invoke(
-            app, ["run", str(tmp_path / "scene.toml"), "-o", f"{tmp_path}/{out}"]
-        )
+        done = invoke("run", tmp_path / "scene.toml", "-o", f"{tmp_path}/{out}")
         assert done.exit_code == 0, done.output
     assert run_directory.status(tmp_path / "run")["done"] == 1
 
@@ -447,7 +442,7 @@ def test_a_lock_of_another_process_is_detected(directory):
         stdout=subprocess.PIPE,
     ) as other:
         other.stdout.readline()
-        assert CliRunner().invoke(app, ["resume", directory.path]).exit_code == 6
+        assert invoke("resume", directory.path).exit_code == 6
         other.stdin.close()
 
 

@@ -10,12 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.files import opening
 from rigidmc.results import export
+from tests.tools.commands import invoke
 
 SCENE = """[body]
 moments = [1.0, 2.0, 2.5]
@@ -37,10 +36,6 @@ save = ["omega", "attitude", "energy", "flips", "megno"]
 # since pandas 3.1 the default is exact
 OLD = tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1)
 EXACT = {"float_precision": "round_trip"} if OLD else {}
-
-
-def invoke(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 def same_bits(a, b):
@@ -181,7 +176,7 @@ def test_a_run_directory_is_exported(results, tmp_path):
 def test_missing_packages_are_named_before_the_work(tmp_path, monkeypatch):
     monkeypatch.setattr(opening.importlib.util, "find_spec", lambda name: None)
     for ending, extra in (("zarr", "zarr"), ("parquet", "table")):
-        done = invoke("run", "dzhanibekov", "-o", tmp_path / f"x.{ending}")
+        done = invoke("run dzhanibekov -o", tmp_path / f"x.{ending}")
         assert done.exit_code == 3 and f"pip install 'rigidmc[{extra}]'" in done.output
     assert os.listdir(tmp_path) == []
 
@@ -244,7 +239,7 @@ def test_damaged_chunks_are_told_without_a_traceback(results, tmp_path, name):
 
 
 def test_a_store_with_a_slash_is_no_run_directory(tmp_path):
-    assert invoke("run", "nasa_brick", "--t-end", 1, "-o", f"{tmp_path}/x.zarr/").exit_code == 0
+    assert invoke("run nasa_brick --t-end 1 -o", f"{tmp_path}/x.zarr/").exit_code == 0
     with rm.open(tmp_path / "x.zarr") as ds:
         assert ds.attrs["title"] == "nasa_brick"
 

@@ -11,12 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.errors import FileError
 from rigidmc.runs.directory.facts import FORMAT, facts_text
+from tests.tools.commands import invoke
 
 FOLDER = Path(__file__).parent / "first_version"
 
@@ -51,7 +50,7 @@ def test_run_directories_of_tensors_keep_their_principal_axes(name, tmp_path):
         ["verify", str(tmp_path / name)],
         ["extend", f"{tmp_path / name}", "--members", "6"],
     ):
-        assert CliRunner().invoke(app, words).exit_code == 0
+        assert invoke(*words).exit_code == 0
     with rm.open(tmp_path / name) as more:
         assert more.sizes["member"] == 6
         assert np.array_equal(more.omega.values[..., :4], kept.omega.values)

@@ -5,10 +5,8 @@ from functools import partial
 import numpy as np
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.program import Derivatives, Program
 from rigidmc.errors import SceneError
@@ -25,6 +23,7 @@ from rigidmc.scene.derivatives import derivative_units, parameters_of_run, quoti
 from rigidmc.views.descriptions import outline
 from rigidmc.views.sample import drive_of
 from tests.runs.test_resume import changed
+from tests.tools.commands import invoke
 
 WRT = ("body.moments.2", "start.omega.1", "start.omega.3")
 UNITS = ("kg m2", "rad s-1", "rad s-1")
@@ -295,12 +294,12 @@ def test_the_command_line_names_parameters(tmp_path, monkeypatch):
     file = tmp_path / "one.nc"
     (tmp_path / "s.toml").write_text(SCENE.dumps())
     words = ["run", f"{tmp_path}/s.toml", "--wrt", ",".join(WRT), "-o", f"{file}"]
-    assert CliRunner().invoke(app, words).exit_code == 4  # some members are flagged
+    assert invoke(*words).exit_code == 4  # some members are flagged
     with rm.open(file) as ds:
         check(ds)
         assert rm.Scene.load(file).run.wrt == WRT
     words = ["run", f"{file}", "--set", f"run.wrt={list(WRT[:1])}", "-o", f"{file}", "--force"]
-    assert CliRunner().invoke(app, words).exit_code == 4
+    assert invoke(*words).exit_code == 4
     with rm.open(file) as ds:
         assert ds.parameter.values.tolist() == list(WRT[:1])
     off = rm.Scene.load(file, settings=[("run.wrt", "[]")])

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.scene.drifts import LARGE, LAWS, one_way
+from tests.tools.commands import invoke
 
 NAMES = {code: word for word, code in LAWS.items()}
 # a wobble of 0.017 rad about the stable axis 3
@@ -76,8 +75,8 @@ def test_nothing_is_said_of_what_nothing_keeps_and_of_members_that_stop():
 def test_the_command_line_says_it(tmp_path):
     path = tmp_path / "wobble.toml"
     path.write_text(WOBBLING.dumps())
-    done = CliRunner().invoke(app, ["run", str(path), "--integrator", "rk4"])
+    done = invoke("run", path, "--integrator", "rk4")
     assert done.exit_code == 0 and "drift one way in 1 of 1 member" in done.output
     short = ["--dt", "0.05", "--t-end", "100"]  # loses 4e-11 one way, which ends no wobble
-    done = CliRunner().invoke(app, ["run", str(path), "--integrator", "rk4", *short])
+    done = invoke("run", path, "--integrator", "rk4", *short)
     assert done.exit_code == 0 and "one way" not in done.output

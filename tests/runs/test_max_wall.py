@@ -4,21 +4,14 @@ import math
 import threading
 
 import pytest
-from typer.testing import CliRunner
 
-from rigidmc.cli import app
 from rigidmc.engine import program, threads
 from rigidmc.runs import price, segments
 from rigidmc.runs.directory import folder as run_directory
 from rigidmc.runs.directory import tasks
 from tests.runs.test_resume import SCENE
+from tests.tools.commands import invoke
 from tests.tools.torture import sums
-
-
-def invoke(*words):
-    told = CliRunner().invoke(app, list(map(str, words)))
-    assert told.exception is None or isinstance(told.exception, SystemExit), told.exception
-    return told
 
 
 class Clock:

@@ -6,16 +6,15 @@ import subprocess
 import sys
 
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.errors import FileError, OutputExists
 from rigidmc.runs.directory import gather, resume
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.price import price
 from tests.runs.test_resume import SCENE
+from tests.tools.commands import invoke
 from tests.tools.torture import sums
 
 FEW = SCENE.with_run(members=40)
@@ -48,7 +47,7 @@ def test_no_output_goes_to_a_run_directory(whole, tmp_path):
             ["view", whole, "-o", f"{path}.html"],
             ["rerun", whole, "--member", "1", "-o", f"{path}.nc"],
         ):
-            told = CliRunner().invoke(app, list(map(str, words)))
+            told = invoke(*words)
             assert told.exit_code == 6 and "choose a place outside" in told.stderr, told.output
         with pytest.raises(OutputExists, match="choose a place outside"):
             rm.simulate(FEW, output=f"{path}.csv")

@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.physics.effects.protocol import Number, effect
 from rigidmc.scene.scene import scene_of
 from rigidmc.scene.user_parts.registry import CLASSES, remember_classes
+from tests.tools.commands import invoke
 
 BODY = rm.Body.from_moments((rm.uniform(1.0, 1.2), 1.4, 2.0), mass=1.0, centre=(0.1, 0.0, 0.3))
 SCENE = rm.Scene(
@@ -92,24 +91,13 @@ def test_steps_of_their_own_stay_as_they_were(tmp_path):
 
 def test_from_the_command_line(file, tmp_path):
     output = str(tmp_path / "b.nc")
-    words = [
-        "rerun",
-        file,
-        "--member",
-        "1123",
-        "--every",
-        "0.1",
-        "--save",
-        "omega,energy",
-        "-o",
-        output,
-    ]
-    result = CliRunner().invoke(app, words)
+    words = "rerun --member 1123 --every 0.1 --save omega,energy -o", output, file
+    result = invoke(*words)
     assert result.exit_code == 0
     assert "member 1123, 21 saves of omega, energy" in result.output
     assert "equal to the bit at 5 times in omega" in result.output
-    assert CliRunner().invoke(app, words).exit_code == 6
-    assert CliRunner().invoke(app, ["rerun", file, "--member", "5"]).exit_code == 3
+    assert invoke(*words).exit_code == 6
+    assert invoke("rerun", file, "--member", "5").exit_code == 3
 
 
 def test_no_public_name_is_also_a_module():

@@ -19,11 +19,9 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
 from bench.bits import PROCESSORS, environment
-from rigidmc.cli import app
 from rigidmc.errors import FileError, NoRoom, OptionError, OutputExists, SceneWarning
 from rigidmc.files.locks import lock
 from rigidmc.files.netcdf import read
@@ -35,8 +33,9 @@ from rigidmc.runs.directory.dataset import open_run
 from rigidmc.runs.directory.facts import facts_text
 from rigidmc.runs.directory.folder import RunDirectory
 from tests.tools import torture
+from tests.tools.commands import ALONE_COMMAND, COMMAND, invoke, words_of
 from tests.tools.faulty import LINUX
-from tests.tools.torture import ALONE_COMMAND, COMMAND, sums
+from tests.tools.torture import sums
 
 MEMBERS, SIZE = 1000, 40_000  # five shards of 192 members, the last of them partial
 SCENE = rm.Scene(
@@ -314,20 +313,8 @@ def test_results_may_be_opened_and_dropped_beside_a_run(tmp_path):
     ],
 )
 def test_a_run_that_is_asked_to_stop_says_so(tmp_path, number, code):
-    words = [
-        "run",
-        "tennis_racket",
-        "--members",
-        "2000000",
-        "--every",
-        "0.5",
-        "--save",
-        "omega",
-        "--shard-size",
-        "2",
-        "-o",
-        f"{tmp_path}/run/",
-    ]
+    text = "run tennis_racket --members 2000000 --every 0.5 --save omega --shard-size 2 -o"
+    words = words_of(text, f"{tmp_path}/run/")
     # tests in the background ignore SIGINT, and so would the processes they start
     heard = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}
     child = subprocess.Popen(
@@ -339,7 +326,7 @@ def test_a_run_that_is_asked_to_stop_says_so(tmp_path, number, code):
     _, told = child.communicate(timeout=60)
     assert child.returncode == code and "Traceback" not in told and told.count("rigidmc:") == 1
     assert not [p for p in (tmp_path / "run").rglob("*") if ".part-" in p.name]
-    assert CliRunner().invoke(app, ["status", f"{tmp_path}/run"]).exit_code == 5
+    assert invoke("status", f"{tmp_path}/run").exit_code == 5
 
 
 def test_a_new_run_belongs_to_its_maker(tmp_path):
@@ -482,7 +469,7 @@ def test_a_run_whose_reader_has_gone_goes_on(tmp_path):
     read, write = os.pipe()
     os.close(read)
     lines = (
-        "from rigidmc import progress; progress._LINE_SECONDS = 0.0; from rigidmc.cli "
+        "from rigidmc.processes import progress; progress._LINE_SECONDS = 0.0; from rigidmc.cli "
         "import main; main()"
     )
     made = subprocess.run([sys.executable, "-c", lines, *words], stderr=write, stdout=write)
@@ -673,7 +660,7 @@ def test_a_shard_of_another_run_is_refused(whole, tmp_path):
     ):
         with pytest.raises(FileError, match="another run"):
             use()
-    made = CliRunner().invoke(app, ["resume", f"{tmp_path}/run", "--repair"])
+    made = invoke("resume", f"{tmp_path}/run", "--repair")
     assert (
         made.exit_code == 0 and "1 damaged" in made.stdout and sums(tmp_path / "run") == sums(whole)
     )
@@ -681,7 +668,7 @@ def test_a_shard_of_another_run_is_refused(whole, tmp_path):
         min((whole / "shards").iterdir()),
         tmp_path / "run" / "shards" / "00000001-0-0000000000000000.nc",
     )
-    told = CliRunner().invoke(app, ["status", f"{tmp_path}/run"])
+    told = invoke("status", f"{tmp_path}/run")
     assert told.exit_code == 3 and "not belong to this run" in told.stderr
 
 
@@ -690,7 +677,7 @@ def test_part_of_a_run_is_told_as_part(tmp_path):
     resume.resume(tmp_path / "run", only=range(4, 99))
     with pytest.warns(SceneWarning, match="232 of 1,000 members exist"):
         rm.open(tmp_path / "run")
-    told = CliRunner().invoke(app, ["summary", f"{tmp_path}/run"])
+    told = invoke("summary", f"{tmp_path}/run")
     assert (
         told.exit_code == 0
         and "232 of 1,000 members" in told.stdout
@@ -727,14 +714,8 @@ def test_bad_arguments(whole, tmp_path):
     (tmp_path / "empty").mkdir()
     os.symlink(tmp_path / "empty", tmp_path / "link")
     assert create(scene, tmp_path / "link").path == str(tmp_path / "empty")
-    invoke = CliRunner().invoke
-    assert (
-        invoke(app, ["run", "tennis_racket", "-o", f"{tmp_path}/x/", "--shards", "90:99"]).exit_code
-        == 3
-    )
-    assert (
-        "names a folder" in invoke(app, ["run", "tennis_racket", "--plot", f"{tmp_path}/x/"]).stderr
-    )
+    assert invoke("run tennis_racket -o", f"{tmp_path}/x/", "--shards", "90:99").exit_code == 3
+    assert "names a folder" in invoke("run tennis_racket --plot", f"{tmp_path}/x/").stderr
     assert not (tmp_path / "x").exists()
 
 
@@ -759,7 +740,7 @@ def test_bad_input_is_refused_before_anything_changes(whole, tmp_path):
         ["--cluster", "here"],
         ["--shard-size", "inf"],
     ):
-        made = CliRunner().invoke(app, ["run", "tennis_racket", "-o", f"{tmp_path}/no/", *words])
+        made = invoke("run tennis_racket -o", f"{tmp_path}/no/", *words)
         assert made.exit_code == 3 and not (tmp_path / "no").exists(), made.output
     with pytest.raises(FileError, match="no shard exists yet"):
         rm.open(started(tmp_path / "new").path)
@@ -821,16 +802,13 @@ def test_a_shard_that_cannot_be_read_is_named(whole, tmp_path):
 def test_the_process_that_ends_a_run_reports_flagged_members(tmp_path):
     started(tmp_path / "run", turn_limit=0.051)
     resume.resume(tmp_path / "run", only=range(3))
-    invoke = CliRunner().invoke
-    assert invoke(app, ["resume", f"{tmp_path}/run", "--shards", "3:5"]).exit_code == 4
+    assert invoke("resume", f"{tmp_path}/run", "--shards", "3:5").exit_code == 4
     assert (
-        invoke(app, ["resume", f"{tmp_path}/run"]).exit_code == 4
-        and invoke(app, ["status", f"{tmp_path}/run"]).exit_code == 4
+        invoke("resume", f"{tmp_path}/run").exit_code == 4
+        and invoke("status", f"{tmp_path}/run").exit_code == 4
     )
-    assert "none; in all: 369" in invoke(app, ["resume", f"{tmp_path}/run"]).stdout
-    assert (
-        invoke(app, ["consolidate", f"{tmp_path}/run", "-o", f"{tmp_path}/one.nc"]).exit_code == 4
-    )
+    assert "none; in all: 369" in invoke("resume", f"{tmp_path}/run").stdout
+    assert invoke("consolidate", f"{tmp_path}/run", "-o", f"{tmp_path}/one.nc").exit_code == 4
 
 
 def test_nothing_saved_over_time_and_notes(tmp_path):
@@ -854,50 +832,28 @@ def test_user_code_must_stay_that_of_the_start(tmp_path):
         '[body]\nmoments = [1.0, 2.0, 3.0]\n[effects.Wind]\nmodule = "wind.py"\nsize = '
         "0.1\n[start]\nomega = [0.0, 1.0, 0.0]\n[run]\nmembers = 100\n"
     )
-    invoke = CliRunner().invoke
     assert (
-        invoke(
-            app, ["run", f"{tmp_path}/wind.toml", "--allow-code", "-o", f"{tmp_path}/run/"]
-        ).exit_code
+        invoke("run", f"{tmp_path}/wind.toml", "--allow-code", "-o", f"{tmp_path}/run/").exit_code
         == 0
     )
-    assert (
-        invoke(app, ["extend", f"{tmp_path}/run", "--members", "200", "--allow-code"]).exit_code
-        == 0
-    )
+    assert invoke("extend", f"{tmp_path}/run", "--members", "200", "--allow-code").exit_code == 0
     for file, other in (
         (module, text.replace("HALF * self.size,", "2.0 * self.size,")),
         (beside, "HALF = 1.0\n"),
     ):
         was = file.read_text()
         file.write_text(other)
-        made = invoke(app, ["extend", f"{tmp_path}/run", "--members", "300", "--allow-code"])
+        made = invoke("extend", f"{tmp_path}/run", "--members", "300", "--allow-code")
         assert made.exit_code == 3 and "is not the file" in made.stderr and file.name in made.stderr
         file.write_text(was)
     beside.unlink()
-    assert invoke(app, ["resume", f"{tmp_path}/run"]).exit_code == 3
+    assert invoke("resume", f"{tmp_path}/run").exit_code == 3
 
 
 def test_commands(tmp_path):
     run = f"{tmp_path}/run/"
-
-    def invoke(*words):
-        made = CliRunner().invoke(app, list(map(str, words)))
-        assert made.exception is None or isinstance(made.exception, SystemExit), made.exception
-        return made
-
-    words = (
-        "run",
-        "tennis_racket",
-        "--members",
-        20000,
-        "--save",
-        "omega",
-        "--shard-size",
-        0.5,
-        "-o",
-        run,
-    )
+    few = "tennis_racket --members 20000 --save omega"
+    words = f"run {few} --shard-size 0.5 -o", run
     task = invoke(*words, "--shards", "0:1")
     assert task.exit_code == 0 and "shards 0:1 are done; 4 shards of other jobs" in task.stdout
     assert "(1:5); `rigidmc merge`" in task.stdout
@@ -906,7 +862,7 @@ def test_commands(tmp_path):
         invoke(*words, "--force").exit_code == 3 and "--force" in invoke(*words, "--force").stderr
     )
     assert "not writable" in invoke(*words[:-1], "/proc/run/").stderr
-    count = int(invoke("show", *words[1:6]).stdout.split("directory")[1].split()[0])
+    count = int(invoke(f"show {few}").stdout.split("directory")[1].split()[0])
     # the size of a shard is another there
     assert count == math.ceil(20000 / RunDirectory(run).facts["shard"] * 0.5e6 / 2**26)
     assert invoke("consolidate", run, "-o", tmp_path / "one.nc").exit_code == 3

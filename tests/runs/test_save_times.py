@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.dataset import open_run
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.directory.resume import resume
+from tests.tools.commands import invoke
 
 TIMES = (0.05, 0.3, 0.31, 1.2)
 BODY = rm.Body.from_moments((1.0, 1.4, 2.0))
@@ -79,7 +78,7 @@ def test_commands_take_save_times(tmp_path):
     (tmp_path / "top.toml").write_text(SCENE.dumps())
 
     def run(*words):
-        return CliRunner().invoke(app, ["run", str(tmp_path / "top.toml"), *words])
+        return invoke("run", tmp_path / "top.toml", *words)
 
     for every, count in (("0.05,0.3,1.2", 5), ("20/turn", 6), (None, 151)):
         file = str(tmp_path / f"{count}.nc")

@@ -15,10 +15,8 @@ from unittest.mock import patch
 import fsspec
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.errors import FileError, OutputExists
 from rigidmc.files import stores
 from rigidmc.files.outputs import content_of
@@ -28,6 +26,7 @@ from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.facts import facts_text
 from rigidmc.runs.directory.folder import FILES, RunDirectory
 from tests.runs import test_resume
+from tests.tools.commands import invoke
 from tests.tools.torture import sums
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -149,7 +148,7 @@ def test_a_store_that_fails_is_one_clear_error(tmp_path):
             patch.object(target, name, side_effect=fault) if fault else contextlib.nullcontext()
         )
         with broken:
-            done = CliRunner().invoke(app, ["status", url])
+            done = invoke("status", url)
         assert done.exit_code == 3, done.output
         assert words in " ".join(done.output.split()) and "Traceback" not in done.output
         assert url.partition("://")[0] in done.output

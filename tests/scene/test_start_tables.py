@@ -11,6 +11,7 @@ from rigidmc.mechanics.euler_angles import SEQUENCES, angle_names
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.scene.parameters import parameter_names, with_parameter
 from rigidmc.scene.varied import nominal_of, value_at
+from tests.tools.commands import invoke
 
 BODY = rm.Body((1.0, 2.0, 2.5))
 SCENE = "[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\nomega = [0.0, 0.1, 1.0]\nattitude = "
@@ -249,16 +250,13 @@ def test_plain_numbers_in_a_table_are_no_sample():
 
 
 def test_the_command_line_names_the_place(tmp_path):
-    from typer.testing import CliRunner
-
-    from rigidmc.cli import app
 
     file = tmp_path / "s.toml"
     file.write_text(SCENE + '{ euler = "331", angles = [1, 2, 3] }')
-    found = CliRunner().invoke(app, ["check", str(file)])
+    found = invoke("check", file)
     assert found.exit_code == 3
     assert "s.toml: [start.attitude] euler = '331': expected three axes" in found.output
-    found = CliRunner().invoke(app, ["check", str(file), "--set", "start.attitude.euler=321"])
+    found = invoke("check", file, "--set", "start.attitude.euler=321")
     assert found.exit_code == 0
 
 

@@ -6,10 +6,8 @@ import random
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.errors import FileError, OptionError
 from rigidmc.runs.directory import resume
 from rigidmc.runs.directory.folder import CHOSEN, RunDirectory, status
@@ -19,6 +17,7 @@ from rigidmc.studies.stability_map.question import make_request, with_borders
 from rigidmc.studies.stability_map.refine import BEGUN, STRIDE, pixel_multiple, refine
 from rigidmc.studies.stability_map.stored import create_map, resume_growing
 from tests.tools import torture
+from tests.tools.commands import invoke
 from tests.tools.faulty import LINUX
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
@@ -51,10 +50,6 @@ def started(path):
 
 def equal(one, other):
     return one.drop_attrs().identical(other.drop_attrs())
-
-
-def invoke(*words):
-    return CliRunner().invoke(app, list(map(str, words)))
 
 
 def share_of_wrong(found, whole, name="p(flips>=1)"):

@@ -5,12 +5,11 @@ import time
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.runs.price import price
 from rigidmc.studies.framework.members import compute_batches
+from tests.tools.commands import invoke
 
 RACKET = rm.Scene.load("tennis_racket").with_run(
     integrator="rk4", t_end=1.0, dt=0.1, every=0.5, save=("omega",)
@@ -20,7 +19,7 @@ LINE = re.compile(r"([\d,]+) members x ([\d,]+) steps, .* in all: about ([\d.e+-
 
 def told(words):
     """(members, steps, seconds) of the line that a command prints, and its standard error."""
-    done = CliRunner().invoke(app, [str(word) for word in words])
+    done = invoke(*words)
     assert done.exit_code == 0, done.output
     found = LINE.findall(done.stderr)
     assert len(found) == 1, done.stderr
@@ -70,7 +69,7 @@ def test_a_study_tells_its_cost_before_its_members(tmp_path, capsys):
     _, error = told([*words, "-o", f"{tmp_path}/run/"])
     assert re.search(r"on \d+ threads, [\d.]+ MB of disk", error)
     assert [path.name for path in tmp_path.iterdir()] == ["run"]  # nothing is left beside
-    again = CliRunner().invoke(app, ["sensitivity", f"{tmp_path}/run", *words[2:4]])
+    again = invoke("sensitivity", f"{tmp_path}/run", *words[2:4])
     assert again.exit_code == 0 and "members" not in again.stderr  # they exist
     capsys.readouterr()
     rm.sensitivity(RACKET, "mean(omega_mean[2])", 100, progress=True)

@@ -10,7 +10,6 @@ import pytest
 import xarray as xr
 from matplotlib.figure import Figure
 from typer.main import get_command
-from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
@@ -30,13 +29,14 @@ from rigidmc.studies.framework.options import (
 from rigidmc.studies.framework.tasks import Tasks
 from tests.studies.examples import command_words, function_of, words_of
 from tests.tools.axes import faults
+from tests.tools.commands import invoke
 
 INVALID, USAGE = 3, 2
 
 
 def done(*words, codes=(0,)):
     """What a command prints."""
-    found = CliRunner().invoke(app, [str(word) for word in words])
+    found = invoke(*words)
     assert found.exit_code in codes, found.output
     return found.output
 

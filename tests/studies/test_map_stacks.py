@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.errors import OptionError
 from rigidmc.runs.directory import resume
 from rigidmc.scene.parameters import with_parameter
@@ -15,6 +13,7 @@ from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.stability_map.question import make_request
 from rigidmc.studies.stability_map.stored import create_map
 from tests.tools.axes import faults
+from tests.tools.commands import invoke
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 SCENE = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.4)), start=rm.Start(omega=(1e-3, 1.0, 1e-3)))
@@ -57,7 +56,7 @@ def test_a_stack_is_stored_and_zoomed(stack, tmp_path):
         assert found.drop_attrs().identical(stack.drop_attrs())
     part = rm.zoom_map(tmp_path / "map.nc", (0.5, 0.9), (0.3, 0.6))
     assert part.sizes == stack.sizes and np.array_equal(part.z, stack.z)
-    told = CliRunner().invoke(app, ["view", str(tmp_path / "map.nc"), "-o", f"{tmp_path}/a.html"])
+    told = invoke("view", tmp_path / "map.nc", "-o", f"{tmp_path}/a.html")
     assert told.exit_code == 3 and "cannot show a stack" in told.stderr
 
 
@@ -96,4 +95,4 @@ def test_stacks_that_are_none_are_refused(given, words):
     with pytest.raises(rm.RigidmcError, match=words):
         rm.stability_map(SCENE, *SIDES, OF, 4, 1, **given, **RUN)
     words = ["map", "growth", "--z", "body.mass=1:2"]
-    assert "two axes" in CliRunner().invoke(app, words).stderr
+    assert "two axes" in invoke(*words).stderr

@@ -8,10 +8,8 @@ import pkgutil
 import numpy as np
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.free_top import analyse_free_top
 from rigidmc.physics.observables import Flips
@@ -24,6 +22,7 @@ from rigidmc.studies.stability_map.case import _FILES, MAPS, case_map
 from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.until import simulate_until
 from tests.tools.axes import faults
+from tests.tools.commands import invoke
 
 SIDE, EACH = 12, 4
 # of steps of 1.2 rad, which rk8 takes
@@ -231,23 +230,12 @@ def test_a_goal_that_is_not_reached_is_reported():
     with pytest.warns(rm.SceneWarning, match="not reached"):
         ds, found = simulate_until(free(), "p(flips >= 1) +- 0.001", most=8192)
     assert ds.sizes["member"] == 8192 and found.half > 0.001
-    words = [
-        "run",
-        "tennis_racket",
-        "--save",
-        "flips",
-        "--until",
-        "p(flips >= 3) +- 0.001",
-        "--most",
-        "5000",
-    ]
-    made = CliRunner().invoke(app, words)
+    words = "run tennis_racket --save flips --most 5000 --until", "p(flips >= 3) +- 0.001"
+    made = invoke(*words)
     assert made.exit_code == 5 and "not reached" in made.stderr
-    made = CliRunner().invoke(app, [*words, "--members", "100"])
+    made = invoke(*words, "--members", "100")
     assert made.exit_code == 3 and "--most" in made.stderr
-    made = CliRunner().invoke(
-        app, ["run", "tennis_racket", "--t-end", "0.1", "--until", "mean(flip_wait) +- 1 %"]
-    )
+    made = invoke("run tennis_racket --t-end 0.1 --until", "mean(flip_wait) +- 1 %")
     assert made.exit_code == 3 and "none of the first" in made.stderr
 
 
@@ -315,96 +303,32 @@ def test_what_is_no_measure_is_told(text):
         measure(text, VARIABLES)
 
 
+SIDES = "--x body.moments.{} --y body.moments.{} --of flips"
+
+
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("text", "words"),
     [
-        (["nosuch"], "no such map"),
-        (["tennis_racket"], "--x, --y, --of: missing; the map of a scene needs"),
-        (["dzhanibekov", "--x", "body.moments.1=0:1"], "--y"),
+        ("nosuch", "no such map"),
+        ("tennis_racket", "--x, --y, --of: missing; the map of a scene needs"),
+        ("dzhanibekov --x body.moments.1=0:1", "--y"),
+        ("dzhanibekov " + SIDES.format("1=0", "3=1:2"), "KEY=LOW:HIGH"),
+        ("dzhanibekov " + SIDES.format("1=1:0", "3=1:2"), "low < high"),
+        ("dzhanibekov --x body.momnts.1=0:1 --y body.moments.3=1:2 --of flips", "body.moments.1"),
+        ("dzhanibekov " + SIDES.format("3=0:1", "3=1:2"), "already"),
+        ("growth --set body.mass=2", "a shipped map has its own"),
         (
-            [
-                "dzhanibekov",
-                "--x",
-                "body.moments.1=0",
-                "--y",
-                "body.moments.3=1:2",
-                "--of",
-                "flips",
-            ],
-            "KEY=LOW:HIGH",
-        ),
-        (
-            [
-                "dzhanibekov",
-                "--x",
-                "body.moments.1=1:0",
-                "--y",
-                "body.moments.3=1:2",
-                "--of",
-                "flips",
-            ],
-            "low < high",
-        ),
-        (
-            [
-                "dzhanibekov",
-                "--x",
-                "body.momnts.1=0:1",
-                "--y",
-                "body.moments.3=1:2",
-                "--of",
-                "flips",
-            ],
-            "body.moments.1",
-        ),
-        (
-            [
-                "dzhanibekov",
-                "--x",
-                "body.moments.3=0:1",
-                "--y",
-                "body.moments.3=1:2",
-                "--of",
-                "flips",
-            ],
-            "already",
-        ),
-        (["growth", "--set", "body.mass=2"], "a shipped map has its own"),
-        (
-            [
-                "dzhanibekov",
-                "--x",
-                "body.moments.3=1:2",
-                "--y",
-                "body.moments.1=0.001:0.01",
-                "--of",
-                "flips",
-                "--resolution",
-                "2",
-            ],
+            "dzhanibekov --resolution 2 " + SIDES.format("3=1:2", "1=0.001:0.01"),
             "all pixels have an impossible body",
         ),
-        (
-            [
-                "dzhanibekov",
-                "--x",
-                "body.moments.1=1:2",
-                "--y",
-                "body.moments.3=1:2",
-                "--of",
-                "flips",
-                "--set",
-                "run.points=sobol",
-            ],
-            "independent",
-        ),
-        (["intermediate_axis", "--resolution", "0"], "at least 1"),
-        (["intermediate_axis", "--members", "0"], "at least 1"),
-        (["intermediate_axis", "--plot", "map.xyz"], ".png"),
+        ("dzhanibekov --set run.points=sobol " + SIDES.format("1=1:2", "3=1:2"), "independent"),
+        ("intermediate_axis --resolution 0", "at least 1"),
+        ("intermediate_axis --members 0", "at least 1"),
+        ("intermediate_axis --plot map.xyz", ".png"),
     ],
 )
-def test_the_command_reports_mistakes(arguments, words):
-    result = CliRunner().invoke(app, ["map", *arguments])
+def test_the_command_reports_mistakes(text, words):
+    result = invoke(f"map {text}")
     assert result.exit_code == 3 and words in result.stderr
 
 
@@ -413,69 +337,35 @@ def test_where_nothing_else_is_drawn_a_pixel_is_one_member():
     axes = ("start.omega.1", 0.01, 0.2), ("start.omega.3", 0.01, 0.2)
     ds = rm.stability_map(scene, *axes, "flips", resolution=1, dt=0.1, t_end=20.0)
     assert ds.attrs["members"] == 1 and stability_map(ds).axes
-    assert (
-        rm.stability_map(
-            free(), *((f"body.moments.{i}", 1.0, 1.1) for i in (1, 3)), "flips", 1, t_end=1.0
-        ).attrs["members"]
-        == 16
-    )
+    sides = ((f"body.moments.{i}", 1.0, 1.1) for i in (1, 3))
+    assert rm.stability_map(free(), *sides, "flips", 1, t_end=1.0).attrs["members"] == 16
     for x in (("start.omega.1", 0.0), "start.omega.1=0", "start.omega.1"):
         with pytest.raises(OptionError, match="expected"):
             rm.stability_map(scene, x, axes[1], "flips")
 
 
 def test_a_map_is_no_result(tmp_path):
-    file = str(tmp_path / "m.nc")
-    assert (
-        CliRunner()
-        .invoke(
-            app,
-            [
-                "map",
-                "intermediate_axis",
-                "--resolution",
-                "1",
-                "--plot",
-                str(tmp_path / "m.png"),
-                "-o",
-                file,
-            ],
-        )
-        .exit_code
-        == 0
-    )
-    for command in (
-        ["summary", file],
-        ["rerun", file, "--member", "1"],
-        ["plot", file, "-o", str(tmp_path / "p.png")],
+    file, picture = tmp_path / "m.nc", tmp_path / "m.png"
+    done = invoke("map intermediate_axis --resolution 1 --plot", picture, "-o", file)
+    assert done.exit_code == 0
+    for text, *more in (
+        ("summary", file),
+        ("rerun --member 1", file),
+        ("plot", file, "-o", tmp_path / "p.png"),
     ):
-        made = CliRunner().invoke(app, command)
+        made = invoke(text, *more)
         assert made.exit_code == 3 and "a map" in made.stderr, made.output
 
 
 def test_the_command_maps(tmp_path):
     file, plot = tmp_path / "m.nc", tmp_path / "m.png"
-    arguments = [
-        "map",
-        "intermediate_axis",
-        "--resolution",
-        "6",
-        "--members",
-        "2",
-        "-o",
-        str(file),
-        "--plot",
-        str(plot),
-    ]
-    result = CliRunner().invoke(app, arguments)
-    assert (
-        result.exit_code == 0
-        and "36" not in result.stderr
-        and "impossible pixels (body or start): 15" in result.stdout
-    )
+    words = "map intermediate_axis --resolution 6 --members 2 -o", file, "--plot", plot
+    result = invoke(*words)
+    assert result.exit_code == 0 and "36" not in result.stderr
+    assert "impossible pixels (body or start): 15" in result.stdout
     assert file.exists() and plot.exists()
-    assert CliRunner().invoke(app, arguments).exit_code == 6
-    assert all(name in CliRunner().invoke(app, ["map", "list"]).stdout for name in MAPS)
+    assert invoke(*words).exit_code == 6
+    assert all(name in invoke("map list").stdout for name in MAPS)
 
 
 @pytest.mark.slow

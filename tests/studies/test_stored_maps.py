@@ -5,10 +5,8 @@ import json
 import netCDF4
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.errors import FileError, OptionError
 from rigidmc.runs.directory import resume
 from rigidmc.runs.directory.facts import facts_text, read_facts
@@ -21,6 +19,7 @@ from rigidmc.studies.stability_map.stored import (
     members_of_pixels,
     open_map,
 )
+from tests.tools.commands import invoke
 
 # of long steps, which maps take on purpose
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
@@ -51,8 +50,8 @@ def started(path, replicas=REPLICAS):
     )
 
 
-def invoke(*words):
-    return CliRunner().invoke(app, ["map", *map(str, words)])
+def mapped(*words):
+    return invoke("map", *words)
 
 
 def test_a_map_in_a_directory_is_the_one_in_memory(whole, tmp_path):
@@ -156,26 +155,26 @@ def test_directories_that_are_no_map_are_refused(tmp_path):
 
 def test_the_command_line_keeps_a_map_in_a_directory(tmp_path):
     path, words = tmp_path / "map", ("sleeping_top", "--resolution", 46, "--members", 2)
-    told = invoke(*words, "-o", f"{path}/", "--shards", "0:1", "--shard-size", 0.01)
+    told = mapped(*words, "-o", f"{path}/", "--shards", "0:1", "--shard-size", 0.01)
     assert told.exit_code == 0 and "of other jobs are missing" in told.stdout
-    told = invoke(path, "--plot", tmp_path / "part.png")
+    told = mapped(path, "--plot", tmp_path / "part.png")
     assert told.exit_code == 5 and "% of the members are done" in told.stdout
-    assert CliRunner().invoke(app, ["resume", str(path)]).exit_code == 0
-    assert CliRunner().invoke(app, ["verify", str(path)]).exit_code == 0
-    assert invoke(path, "-o", tmp_path / "one.nc").exit_code == 0
-    assert invoke(*words, "-o", tmp_path / "two.nc").exit_code == 0
+    assert invoke("resume", path).exit_code == 0
+    assert invoke("verify", path).exit_code == 0
+    assert mapped(path, "-o", tmp_path / "one.nc").exit_code == 0
+    assert mapped(*words, "-o", tmp_path / "two.nc").exit_code == 0
     one, two = (rm.open(tmp_path / f"{name}.nc") for name in ("one", "two"))
     assert one.identical(two.drop_attrs(deep=False).assign_attrs(one.attrs))
-    assert invoke(tmp_path / "one.nc", "--plot", tmp_path / "one.png").exit_code == 0
+    assert mapped(tmp_path / "one.nc", "--plot", tmp_path / "one.png").exit_code == 0
     assert RunDirectory(path).count > 1
     for more in (("--resolution", 32), ("--x", "a=0:1"), ("--dt", 0.1), ("--shards", "0:1")):
-        told = invoke(path, *more)
+        told = mapped(path, *more)
         assert told.exit_code == 3 and "is for a new map" in told.stderr
-    assert invoke(*words, "--shards", "0:1").exit_code == 3
-    assert invoke(*words, "-o", f"{path}/").exit_code != 0  # it exists
-    assert CliRunner().invoke(app, ["extend", str(path), "--members", "3"]).exit_code == 0
+    assert mapped(*words, "--shards", "0:1").exit_code == 3
+    assert mapped(*words, "-o", f"{path}/").exit_code != 0  # it exists
+    assert invoke("extend", path, "--members", "3").exit_code == 0
     assert int(rm.open(path).good.min()) == 3
-    assert invoke(path, "--force").exit_code == 0  # nothing is written
+    assert mapped(path, "--force").exit_code == 0  # nothing is written
     assert np.isfinite(rm.open(path)["p(passages>=1)"]).all()
 
 
@@ -183,7 +182,7 @@ def test_a_result_is_a_scene_for_a_map(tmp_path):
     rm.simulate(SCENE, members=4, t_end=1.0, output=tmp_path / "run.nc").close()
     sides = ("--x", "body.moments.1=0.4:0.6", "--y", "start.omega.2=0.9:1.1", "--of", OF[0])
     words = ("--resolution", 2, "--members", 2, "--t-end", 2)
-    told = invoke(tmp_path / "run.nc", *sides, *words)
+    told = mapped(tmp_path / "run.nc", *sides, *words)
     assert told.exit_code == 0 and "2 x 2 pixels of 2 members" in told.stdout
 
 
@@ -199,10 +198,10 @@ def test_a_part_of_a_map_is_a_map_of_that_part(whole, tmp_path):
     whole.to_netcdf(tmp_path / "map.nc")
     started(tmp_path / "map")  # no shard of it is needed
     for source in (tmp_path / "map.nc", tmp_path / "map"):
-        told = invoke(source, "--zoom", "0.4:0.9,0.8:1.2", "-o", tmp_path / "part.nc", "--force")
+        told = mapped(source, "--zoom", "0.4:0.9,0.8:1.2", "-o", tmp_path / "part.nc", "--force")
         assert told.exit_code == 0, told.stderr
         assert rm.open(tmp_path / "part.nc").drop_attrs().identical(expected.drop_attrs())
-    told = invoke(tmp_path / "map.nc", "--zoom", "0.4:0.9,0.8:1.2", "-o", f"{tmp_path}/part/")
+    told = mapped(tmp_path / "map.nc", "--zoom", "0.4:0.9,0.8:1.2", "-o", f"{tmp_path}/part/")
     assert told.exit_code == 0
     assert rm.open(tmp_path / "part").drop_attrs().identical(expected.drop_attrs())
 
@@ -217,7 +216,7 @@ def test_parts_that_are_none_are_refused(whole, tmp_path):
         ((tmp_path / "map.nc", "--zoom", "0.4:0.9,0.4:1.2"), "ranges from 0.5 to 1.5"),
         (("sleeping_top", "--zoom", "0.4:0.9,0.8:1.2"), "a part of an existing map"),
     ):
-        told = invoke(*words)
+        told = mapped(*words)
         assert told.exit_code == 3 and rule in " ".join(told.stderr.split()), told.stderr
     with pytest.raises(OptionError, match=r"\(low, high\)"):
         rm.zoom_map(whole, 0.4, (0.8, 1.2))

@@ -48,28 +48,13 @@ from typing import NamedTuple
 # the folder of this script is tests/tools
 sys.path[:0] = [str(Path(__file__).parents[2])]
 
+from tests.tools.commands import COMMAND, attempt, invoke, words_of  # noqa: E402
 from tests.tools.faulty import at_call, delay, limited, places  # noqa: E402
 
-COMMAND = [sys.executable, "-c", "from rigidmc.cli import main; main()"]
-# the same without a second process that compiles, which takes two cores and more of both
-ALONE = "from rigidmc.engine import compile_helper; compile_helper.threads_available = lambda: 1; "
-ALONE_COMMAND = [*COMMAND[:2], ALONE + COMMAND[2]]
-WORDS = [
-    "run",
-    "tennis_racket",
-    "--members",
-    "400000",
-    "--every",
-    "0.5",
-    "--save",
-    "omega",
-    "--shard-size",
-    "4",
-    "-o",
-]
+WORDS = words_of("run tennis_racket --members 400000 --every 0.5 --save omega --shard-size 4 -o")
 SIGNALS = "SIGKILL", "SIGTERM", "SIGINT", "SIGHUP"  # names: Windows lacks some
 AT_MOST = 4  # kills of one run, so that all kinds have their share
-ONE = ["--every", "1", "--save", "omega", "--shard-size", "1000", "-o"]
+ONE = words_of("--every 1 --save omega --shard-size 1000 -o")
 TABLE = """
 [body]
 moments = [1.0, 2.0, { table = "rows.csv", column = "third" }]
@@ -185,8 +170,8 @@ def partial_files(path):
     return [name for _, _, names in os.walk(path) for name in names if name.startswith(".part-")]
 
 
-def run(*words):
-    return subprocess.run([*COMMAND, *words], capture_output=True, text=True)
+def run(*words, **options):
+    return subprocess.run([*COMMAND, *words], capture_output=True, text=True, **options)
 
 
 def quietly(*words):
@@ -253,18 +238,9 @@ def kills(count, folder, some, members=400_000, size=4, names=None):
         assert study_of(known[name], again) == expected
         kinds.append((known[name], sums(whole), expected))
     ended = dict.fromkeys(names or known, 0)
-    told = {
-        "kills": 0,
-        "before any shard": 0,
-        "runs": 0,
-        "runs resumed to the end": 0,
-        "sha256 equal": 0,
-        "studies": 0,
-        "studies equal": 0,
-        "torn shards seen": 0,
-        "other exit codes": 0,
-        "partial files left": 0,
-    }
+    told = dict.fromkeys(("kills", "before any shard", "runs", "runs resumed to the end",
+        "sha256 equal", "studies", "studies equal", "torn shards seen", "other exit codes",
+        "partial files left"), 0)  # fmt: skip
     for i in range(4 * count + 10):
         if told["kills"] == count:
             break
@@ -400,9 +376,6 @@ def corrupt(count, folder, some):
 
 def faults(most, folder, some, commands=("run", "extend", "merge")):
     """Let each operation of commands fail once; {what: how often}."""
-    from typer.testing import CliRunner
-
-    from rigidmc.cli import app
     from rigidmc.runs.directory import folder as run_directory
 
     whole, path, words = (
@@ -413,11 +386,10 @@ def faults(most, folder, some, commands=("run", "extend", "merge")):
     words[words.index("--shard-size") + 1] = "0.1"
     words[-1:-1] = "--t-end", "1"  # five shards, most of whose time is not that of steps
     half, parts = os.path.join(folder, "half"), [os.path.join(folder, f"part{i}") for i in range(2)]
-    invoke = CliRunner().invoke
-    assert invoke(app, [*words, whole + "/"]).exit_code == 0
-    assert invoke(app, [*words[:3], "10000", *words[4:], half + "/"]).exit_code == 0
+    assert invoke(*words, whole + "/").exit_code == 0
+    assert invoke(*words[:3], "10000", *words[4:], half + "/").exit_code == 0
     assert [
-        invoke(app, [*words, part + "/", "--shards", given]).exit_code
+        invoke(*words, part + "/", "--shards", given).exit_code
         for part, given in zip(parts, ("0:2", "2:9"), strict=True)
     ] == [0, 0]
     expected = sums(whole)
@@ -427,13 +399,8 @@ def faults(most, folder, some, commands=("run", "extend", "merge")):
         "merge": ["merge", path, *parts],
     }
     kinds = {name: kinds[name] for name in commands}
-    told = {
-        "faults": 0,
-        "exit 74, one message": 0,
-        "no harm done, exit 0": 0,
-        "wrong shards seen": 0,
-        "completed, sha256 equal": 0,
-    }
+    told = dict.fromkeys(("faults", "exit 74, one message", "no harm done, exit 0",
+        "wrong shards seen", "completed, sha256 equal"), 0)  # fmt: skip
 
     def prepared(kind):
         """The files before a command."""
@@ -445,7 +412,7 @@ def faults(most, folder, some, commands=("run", "extend", "merge")):
         """A command while something fails, and the commands after it."""
         prepared(kind)
         with failure:
-            done = invoke(app, kinds[kind])
+            done = attempt(*kinds[kind])
         told["faults"] += 1
         if done.exit_code == 0:
             told["no harm done, exit 0"] += 1
@@ -471,9 +438,9 @@ def faults(most, folder, some, commands=("run", "extend", "merge")):
             told["wrong shards seen"] += any(
                 len(sums(half)) - 1 == int(n[:8]) and n not in expected for n in seen
             )
-            again = invoke(app, ["resume", path])
+            again = attempt("resume", path)
         else:
-            again = invoke(app, ["resume", path] if is_run and kind == "run" else kinds[kind])
+            again = attempt(*(("resume", path) if is_run and kind == "run" else kinds[kind]))
         good = again.exit_code == 0 and sums(path) == expected
         told["completed, sha256 equal"] += good
         if not good:
@@ -485,7 +452,7 @@ def faults(most, folder, some, commands=("run", "extend", "merge")):
     for kind, place in itertools.product(kinds, places()):
         prepared(kind)
         with at_call(folder, *place[1:3]) as seen:
-            assert invoke(app, kinds[kind]).exit_code == 0
+            assert invoke(*kinds[kind]).exit_code == 0
         numbers = range(seen[0]) if most >= seen[0] else sorted(some.sample(range(seen[0]), most))
         for number, act in itertools.product(numbers, (*place[3], delay)):
             tried(f"{kind}: {place[0]} {number}", kind, at_call(folder, *place[1:3], number, act))
@@ -502,32 +469,14 @@ def faults(most, folder, some, commands=("run", "extend", "merge")):
 def cache(count, folder, some):
     """Damage cached kernels `count` times, or leave no room for them; {what: how often}."""
     kernels, out = os.path.join(folder, "kernels"), os.path.join(folder, "run")
-    words = [
-        *COMMAND,
-        "run",
-        "tennis_racket",
-        "--members",
-        "100",
-        "--save",
-        "none",
-        "-o",
-        out + "/",
-    ]
-    told = {
-        "caches damaged": 0,
-        "caches without room": 0,
-        "exit 0": 0,
-        "sha256 equal": 0,
-        "one line of a cache without room": 0,
-        "kernels kept": 0,
-    }
+    words = words_of("run tennis_racket --members 100 --save none -o", out + "/")
+    told = dict.fromkeys(("caches damaged", "caches without room", "exit 0", "sha256 equal",
+        "one line of a cache without room", "kernels kept"), 0)  # fmt: skip
 
     def made():
         shutil.rmtree(out, ignore_errors=True)
-        done = subprocess.run(
-            words, capture_output=True, text=True, env={**os.environ, "RIGIDMC_CACHE_DIR": kernels}
-        )
-        return done, sums(out)
+        env = {**os.environ, "RIGIDMC_CACHE_DIR": kernels}
+        return run(*words, env=env), sums(out)
 
     def files():
         return [

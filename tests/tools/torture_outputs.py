@@ -15,24 +15,12 @@ import unittest.mock
 import netCDF4
 import xarray as xr
 
+from tests.tools.commands import attempt, words_of
 from tests.tools.faulty import at_call, limited, places
 from tests.tools.torture import SIGNALS
 
 OLD = b"precious"
-SCENE = [
-    "tennis_racket",
-    "--members",
-    "300",
-    "--t-end",
-    "0.5",
-    "--every",
-    "0.1",
-    "--save",
-    "omega",
-    "--threads",
-    "1",
-]
-PICTURE = ["--picture", "drift_histogram"]
+SCENE = "tennis_racket --members 300 --t-end 0.5 --every 0.1 --save omega --threads 1"
 
 
 def commands(folder, at):
@@ -42,25 +30,25 @@ def commands(folder, at):
     whole, run = os.path.join(folder, "whole.nc"), os.path.join(folder, "whole")
     one, two, three = (os.path.join(at, f"out.{suffix}") for suffix in ("nc", "png", "csv"))
     gif = os.path.join(at, "out.gif")
+    map_words = "map intermediate_axis --resolution 4 --members 2 -o"
+    study = "accuracy nasa_brick --integrators exact,rk4 --members 4 --tolerances 1e-4 -o"
+    stress = "stress --group H5 --integrator exact -o"
     return {
-        "run": (["run", *SCENE, "-o", one], [one]),
-        "rerun": (["rerun", whole, "--member", "3", "-o", one], [one]),
-        "consolidate": (["consolidate", run, "-o", one], [one]),
-        "map": (["map", "intermediate_axis", "--resolution", "4", "--members", "2", "-o", one,
-        "--plot", two], [one, two]),
-        "study": (["accuracy", "nasa_brick", "--integrators", "exact,rk4", "--members", "4",
-        "--tolerances", "1e-4", "-o", one, "--plot", two], [one, two]),
-        "stress": (["stress", "--group", "H5", "--integrator", "exact", "-o", one, "--write-bounds",
-        three], [one, three]),
-        "plot": (["plot", whole, *PICTURE, "-o", two], [two]),
-        "animate": (["animate", whole, "--member", "0", "--seconds", "0.1", "-o", gif], [gif]),
-    }  # fmt: skip
+        "run": (words_of(f"run {SCENE} -o", one), [one]),
+        "rerun": (words_of("rerun --member 3 -o", one, whole), [one]),
+        "consolidate": (words_of("consolidate -o", one, run), [one]),
+        "map": (words_of(map_words, one, "--plot", two), [one, two]),
+        "study": (words_of(study, one, "--plot", two), [one, two]),
+        "stress": (words_of(stress, one, "--write-bounds", three), [one, three]),
+        "plot": (words_of("plot --picture drift_histogram -o", two, whole), [two]),
+        "animate": (words_of("animate --member 0 --seconds 0.1 -o", gif, whole), [gif]),
+    }
 
 
 def made(folder, process):
     """Make the input of commands and run each once, to compile; {path: bytes} of the outputs."""
-    assert process(["run", *SCENE, "-o", os.path.join(folder, "whole.nc")]) == 0
-    assert process(["run", *SCENE, "-o", os.path.join(folder, "whole") + "/"]) == 0
+    for name in ("whole.nc", "whole/"):
+        assert process(words_of(f"run {SCENE} -o", os.path.join(folder, name))) == 0
     at = os.path.join(folder, "at")
     os.mkdir(at)
     return at
@@ -130,18 +118,14 @@ def faults(most, folder, some, kinds=None):
 
     Also let the file of the command appear before the call, with and without --force.
     """
-    from typer.testing import CliRunner
-
-    from rigidmc.cli import app
-
-    at = made(folder, lambda words: CliRunner().invoke(app, words).exit_code)
+    at = made(folder, lambda words: attempt(*words).exit_code)
     told = dict.fromkeys(("faults", "exit 74, one message", "exit 6, one message, NAME.2",
         "no harm done, exit 0", "wrong files", "left behind", "whole in the end"), 0)  # fmt: skip
 
     def tried(name, words, paths, expected, failure, old=(), appears=None):
         empty(at, old)
         with failure:
-            done = CliRunner().invoke(app, words)
+            done = attempt(*words)
         told["faults"] += 1
         kept = {path.replace("out.", "out.2."): path for path in paths}  # x.2.nc of x.nc
         one = (
@@ -157,10 +141,8 @@ def faults(most, folder, some, kinds=None):
         elif done.exit_code == 6 and one and appears is not None:
             told["exit 6, one message, NAME.2"] += 1
         else:
-            print(
-                f"{name}: exit {done.exit_code}: {done.output[-300:]} {done.exception!r}",
-                file=sys.stderr,
-            )
+            told_by = f"{done.output[-300:]} {done.exception!r}"
+            print(f"{name}: exit {done.exit_code}: {told_by}", file=sys.stderr)
         for path in paths:
             there = found.get(path)
             right = (
@@ -178,7 +160,7 @@ def faults(most, folder, some, kinds=None):
         # a file that cannot be deleted stays until the next command
         others = others if "unlink" not in name else []
         told["left behind"] += len(others)
-        done = CliRunner().invoke(app, [*words, "--force"])
+        done = attempt(*words, "--force")
         found = {path: data for path, data in contents(at).items() if path not in kept}
         right = (
             done.exit_code == 0
@@ -187,44 +169,30 @@ def faults(most, folder, some, kinds=None):
         )
         told["whole in the end"] += right
         if not right or others:
-            print(
-                (
-                    f"{name}: left {others}; then exit {done.exit_code}: {sorted(found)}: "
-                    f"{done.output[-300:]}"
-                ),
-                file=sys.stderr,
-            )
+            left = f"{name}: left {others}; then exit {done.exit_code}: {sorted(found)}"
+            print(left, done.output[-300:], sep=": ", file=sys.stderr)
 
     with computed_once():
         for kind, (words, paths) in commands(folder, at).items():
             if kinds is not None and kind not in kinds:
                 continue
             empty(at)
-            assert CliRunner().invoke(app, words).exit_code == 0, kind
+            assert attempt(*words).exit_code == 0, kind
             expected = contents(at)
             empty(at)
-            assert CliRunner().invoke(app, words).exit_code == 0, kind
+            assert attempt(*words).exit_code == 0, kind
             assert sorted(expected) == sorted(contents(at)) == sorted(paths)
             assert all(same(data, expected[path]) for path, data in contents(at).items()), kind
             for name, module, attribute, acts in places():
                 empty(at)
                 with at_call(at, module, attribute) as seen:
-                    CliRunner().invoke(app, words)
-                numbers = (
-                    range(seen[0])
-                    if most >= seen[0]
-                    else sorted(some.sample(range(seen[0]), min(most, seen[0])))
-                )
+                    attempt(*words)
+                numbers = sorted(some.sample(range(seen[0]), min(most, seen[0])))
                 for number, act in itertools.product(numbers, acts):
                     for more, old in (([], ()), (["--force"], paths)):
-                        tried(
-                            f"{kind}: {name} {number}{more}",
-                            [*words, *more],
-                            paths,
-                            expected,
-                            at_call(at, module, attribute, number, act),
-                            old,
-                        )
+                        failure = at_call(at, module, attribute, number, act)
+                        what = f"{kind}: {name} {number}{more}"
+                        tried(what, [*words, *more], paths, expected, failure, old)
                 for number, path in itertools.product(numbers, paths):
 
                     def appears(real, given, named, path=path):
@@ -233,18 +201,13 @@ def faults(most, folder, some, kinds=None):
                                 file.write(OLD)
                         return real(*given, **named)
 
-                    tried(f"{kind}: {os.path.basename(path)} appears at {name} {number}", words,
-                        paths, expected, at_call(at, module, attribute, number, appears), (),
-                        path)  # fmt: skip
+                    failure = at_call(at, module, attribute, number, appears)
+                    what = f"{kind}: {os.path.basename(path)} appears at {name} {number}"
+                    tried(what, words, paths, expected, failure, (), path)
             largest = max(map(len, expected.values()))
             for i in range(min(most, 20)):
-                tried(
-                    f"{kind}: no file larger than {i}/20",
-                    words,
-                    paths,
-                    expected,
-                    limited(i * largest // 20),
-                )
+                failure = limited(i * largest // 20)
+                tried(f"{kind}: no file larger than {i}/20", words, paths, expected, failure)
     return told
 
 
@@ -284,16 +247,9 @@ def child(words, streams=(), unbuffered=False):
 def server():
     """Start processes that have imported everything already."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(
-        [
-            "rigidmc.cli",
-            "rigidmc.runs.simulate",
-            "rigidmc.runs.directory.resume",
-            "rigidmc.views.ensemble",
-            "rigidmc.views.animation",
-            "tests.tools.torture_outputs",
-        ]
-    )
+    modules = "cli runs.simulate runs.directory.resume views.ensemble views.animation"
+    loaded = [f"rigidmc.{name}" for name in words_of(modules)]
+    context.set_forkserver_preload([*loaded, "tests.tools.torture_outputs"])
 
     def process(words, streams=((1, "null"), (2, "null")), unbuffered=False):
         one = context.Process(target=child, args=(words, streams, unbuffered))
@@ -321,12 +277,9 @@ def kills(count, folder, some):
         empty(at)
         began = time.monotonic()
         assert done(process(words)) == 0, kind
-        kinds[kind] = (
-            words,
-            paths,
-            time.monotonic() - began,
-            {path: len(data) for path, data in contents(at).items()},
-        )
+        length = time.monotonic() - began
+        sizes = {path: len(data) for path, data in contents(at).items()}
+        kinds[kind] = words, paths, length, sizes
     for i, kind in zip(range(count), itertools.cycle(kinds)):
         words, paths, length, sizes = kinds[kind]
         empty(at)
@@ -350,9 +303,8 @@ def kills(count, folder, some):
             path in found and not whole(path, found[path], sizes[path]) for path in paths
         )
         left = [path for path in found if path not in paths]
-        told["left behind by kills" if number == signal.SIGKILL else "left behind by signals"] += (
-            len(left)
-        )
+        by = "kills" if number == signal.SIGKILL else "signals"
+        told[f"left behind by {by}"] += len(left)
         if left and number != signal.SIGKILL:
             print(f"{kind}: left by {number.name}: {left}", file=sys.stderr)
         assert done(process([*words, "--force"])) == 0, kind
@@ -382,25 +334,24 @@ def streams(folder, kinds=None, only=None):
     process = server()
     at = made(folder, lambda words: done(process(words)))
     whole, run, bad = (os.path.join(folder, name) for name in ("whole.nc", "whole", "bad"))
-    assert done(process(["run", *SCENE, "-o", bad + "/"])) == 0
+    assert done(process(words_of(f"run {SCENE} -o", bad + "/"))) == 0
     with open(os.path.join(bad, "shards", "notes"), "w") as file:
         file.write("a stray")
-    writing = {
-        kind: words
-        for kind, (words, _) in commands(folder, at).items()
-        if kind not in ("study", "stress")
-    }
+    writing = {kind: words for kind, (words, _) in commands(folder, at).items()}
+    del writing["study"], writing["stress"]
     telling = {
         "status": ["status", run], "verify": ["verify", run], "summary": ["summary", whole],
-        "show": ["show", "nasa_brick"], "scenes": ["scenes"],
-        "scene": ["scenes", "nasa_brick"], "check": ["check", "nasa_brick"],
-        "body": ["body", "nasa_brick"], "exact": ["exact", "nasa_brick"],
-        "effects": ["effects"], "integrators": ["integrators"], "observables": ["observables"],
-        "maps": ["map", "list"], "doctor": ["doctor"],
-        "help": ["--help"], "status of bad": ["status", bad], "verify bad": ["verify", bad],
-        "no scene": ["show", "nasa_brik"], "no command": ["fly"],
-        "refused": ["run", *SCENE, "-o", whole],
+        "status of bad": ["status", bad], "verify bad": ["verify", bad],
+        "refused": words_of(f"run {SCENE} -o", whole), "maps": ["map", "list"],
     }  # fmt: skip
+    telling |= {
+        " ".join(words): words
+        for words in (
+            *([name, "nasa_brick"] for name in ("show", "scenes", "check", "body", "exact")),
+            *([name] for name in ("scenes", "effects", "integrators", "observables", "doctor")),
+            *(["--help"], ["show", "nasa_brik"], ["fly"]),  # neither scene nor command
+        )
+    }
     ways = {
         "reader gone": ([(1, "gone"), (2, "null")], False),
         "reader gone, unbuffered": ([(1, "gone"), (2, "null")], True),
@@ -419,40 +370,32 @@ def streams(folder, kinds=None, only=None):
         empty(at)
         code = done(process(words))
         expected = contents(at)
-        for name, (given, unbuffered) in (
-            ways.items() if only is None else ((name, ways[name]) for name in only)
-        ):
+        for name in only or ways:
             empty(at)
-            got = done(process(words, given, unbuffered))
+            got = done(process(words, *ways[name]))
             told["commands"] += 1
             right = got == (74 if "full" in name and code in (0, 4, 5) else code)
             told["exit as to /dev/null, or 74 where full"] += right
-            same = contents(at).keys() == expected.keys() and all(
-                len(data) == len(expected[path])
-                for path, data in contents(at).items()
-                if path.endswith((".png", ".gif"))
-            )
+            found = contents(at)
+            pictures = [path for path in found if path.endswith((".png", ".gif"))]
+            same = found.keys() == expected.keys()
+            same = same and all(len(found[path]) == len(expected[path]) for path in pictures)
             told["files as to /dev/null"] += same
             if not right or not same:
-                print(
-                    f"{kind}, {name}: exit {got}, not {code}; {sorted(contents(at))}",
-                    file=sys.stderr,
-                )
+                print(f"{kind}, {name}: exit {got}, not {code}; {sorted(found)}", file=sys.stderr)
     return told
 
 
 def outputs(most, folder, some):
     """All of it; {what: how often}."""
     told = {}
-    parts = (
-        (lambda at: faults(most, at, some)),
-        (lambda at: kills(min(most, 200), at, some)),
-        streams,
-    )
-    for name, part in zip(("faults", "kills", "streams"), parts, strict=True):
+    for name, part in (
+        ("faults", lambda at: faults(most, at, some)),
+        ("kills", lambda at: kills(min(most, 200), at, some)),
+        ("streams", streams),
+    ):
         at = os.path.join(folder, name)
         os.mkdir(at)
-        told |= {
-            f"{name}: {what}" if what != name else what: number for what, number in part(at).items()
-        }
+        counts = part(at).items()
+        told |= {f"{name}: {what}" if what != name else what: count for what, count in counts}
     return told

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.mechanics.free_top import analyse_free_top
 from rigidmc.mechanics.rotation import from_euler
 from rigidmc.views import PICTURES
+from tests.tools.commands import invoke
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +113,7 @@ def test_pictures_and_summary(result):
         and "energy_drift_max" in text
         and "flagged: none" in text
     )
-    assert CliRunner().invoke(app, ["summary", str(result)]).stdout.strip() == text
+    assert invoke("summary", result).stdout.strip() == text
 
 
 def test_even_points_give_no_interval():
@@ -137,21 +136,7 @@ def test_an_animation(result, tmp_path):
     from PIL import Image
 
     path = tmp_path / "top.gif"
-    done = CliRunner().invoke(
-        app,
-        [
-            "animate",
-            str(result),
-            "--member",
-            "7",
-            "-o",
-            str(path),
-            "--seconds",
-            "0.5",
-            "--fps",
-            "10",
-        ],
-    )
+    done = invoke("animate", result, "--member", "7", "-o", path, "--seconds", "0.5", "--fps", "10")
     assert done.exit_code == 0, done.output
     with Image.open(path) as picture:
         assert picture.n_frames == 5 and picture.size == (864, 450)
@@ -159,12 +144,7 @@ def test_an_animation(result, tmp_path):
         first = np.asarray(picture.convert("L"), float)
         picture.seek(picture.n_frames - 1)
         assert np.abs(np.asarray(picture.convert("L"), float) - first).max() > 100.0
-    assert (
-        CliRunner()
-        .invoke(app, ["animate", str(result), "--member", "7", "-o", str(path)])
-        .exit_code
-        == 6
-    )
+    assert invoke("animate", result, "--member", "7", "-o", path).exit_code == 6
     for name, options, words in (
         ("top.avi", ("--member", "64"), "ends in"),
         ("other.gif", ("--member", "64"), "members 0 to 63"),
@@ -172,14 +152,12 @@ def test_an_animation(result, tmp_path):
         # before, the film ended with the run, without a word
         ("other.gif", ("--member", "7", "--until", "1e3 s"), "the run ends at "),
     ):
-        bad = CliRunner().invoke(
-            app, ["animate", str(result), *options, "-o", str(tmp_path / name)]
-        )
+        bad = invoke("animate", result, *options, "-o", tmp_path / name)
         assert bad.exit_code == 3 and words in bad.stderr, bad.stderr
     with rm.open(str(result)) as ds:
         ds.isel(member=[7]).to_netcdf(tmp_path / "one.nc")
     options = ("-o", str(tmp_path / "one.gif"), "--seconds", "0.2", "--fps", "10")
-    made = CliRunner().invoke(app, ["animate", str(tmp_path / "one.nc"), *options])
+    made = invoke("animate", tmp_path / "one.nc", *options)
     assert made.exit_code == 0 and "scene: member 7, " in made.stdout, made.output
 
 
@@ -196,7 +174,7 @@ def test_what_is_read_lazily_stays_lazy(kind, tmp_path, monkeypatch):
         path, file = tmp_path / "r", tmp_path / "s.toml"
         file.write_text(scene.dumps())
         words = ["run", str(file), "--shard-size", "0.002", "-o", f"{path}/"]
-        assert CliRunner().invoke(app, words).exit_code == 0
+        assert invoke(*words).exit_code == 0
     else:
         path = tmp_path / "a.nc"
         rm.simulate(scene, output=str(path)).close()

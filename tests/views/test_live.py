@@ -8,14 +8,13 @@ import shutil
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.errors import OptionError
 from rigidmc.scene.parameters import with_parameters
 from rigidmc.views.live.engine import live_run
 from rigidmc.views.live.sliders import make_sliders
+from tests.tools.commands import invoke
 
 BROWSER = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
@@ -268,7 +267,7 @@ def test_the_command_writes_a_page(tmp_path):
     path = tmp_path / "top.html"
     words = ["view", "heavy_top", "--live", "--slider", "effects.gravity.g=0:20", "-o", str(path)]
     words += ["--slider", "start.attitude.theta=0deg:90 deg"]
-    found = CliRunner().invoke(app, words)
+    found = invoke(*words)
     assert found.exit_code == 0 and str(path) in found.output
     data = json.loads(
         re.search(r'<script id="data"[^>]*>(.*?)</script>', path.read_text(), re.S)[1]
@@ -277,11 +276,11 @@ def test_the_command_writes_a_page(tmp_path):
         ("effects.gravity.g", 0, 20),
         ("start.attitude.theta", 0, pytest.approx(math.pi / 2)),
     ]
-    found = CliRunner().invoke(app, ["view", "heavy_top", "--slider", "body.mass"])
+    found = invoke("view heavy_top --slider body.mass")
     assert found.exit_code == 3 and "is for --live" in found.output
-    found = CliRunner().invoke(app, ["view", "heavy_top", "--live", "--until", "1s"])
+    found = invoke("view heavy_top --live --until 1s")
     assert found.exit_code == 3 and "a live page has no end" in found.output
-    found = CliRunner().invoke(app, ["view", "heavy_top", "--with", "gyroscope"])
+    found = invoke("view heavy_top --with gyroscope")
     assert found.exit_code == 3 and "is for --live" in found.output
 
 

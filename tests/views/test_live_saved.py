@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.physics.dynamics.functions import sincos
 from rigidmc.scene.parameters import with_parameters
 from rigidmc.views.live.engine import SAVED, even_end, live_run
 from rigidmc.views.live.sliders import make_sliders
+from tests.tools.commands import invoke
 from tests.views.test_live import TOP, browser, opened  # noqa: F401
 
 # the splitting "strang" has one form for bodies with two equal moments and one for others
@@ -65,7 +64,7 @@ def assert_same_bits(page, path):
     path.write_text(saved["text"])
     grid, output = rm.prepare(str(path)).plan.grid, path.with_suffix(".nc")
     assert grid.dt == h and not grid.is_shortened
-    ran = CliRunner().invoke(app, ["run", str(path), "-o", str(output), "--force"])
+    ran = invoke("run", path, "-o", output, "--force")
     assert ran.exit_code == 0, ran.output
     with xr.open_dataset(output) as ds:
         assert (ds.status.values == 0).all()

@@ -5,10 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.planning.turns import (
     ATTITUDE,
     AXIS,
@@ -29,6 +27,7 @@ from rigidmc.views import animation, ensemble
 from rigidmc.views.descriptions import _steps
 from rigidmc.views.globes import momentum_density
 from rigidmc.views.sample import TIMES, fastest, note_on, thin_result
+from tests.tools.commands import invoke
 
 GYROSCOPE = rm.Scene.load("gyroscope").with_run(members=16, t_end=0.4)
 
@@ -191,12 +190,12 @@ def test_unwrap_follows_or_refuses():
 def test_a_new_scene_saves_what_lines_can_join(tmp_path, spin):
     file = tmp_path / "top.toml"
     words = ["new", str(file), "--force", "--spin", f"0,0,{spin}"]
-    assert CliRunner().invoke(app, words).exit_code == 0
+    assert invoke(*words).exit_code == 0
     scene = rm.Scene.load(file)
     assert sparse_saves(*parts(scene)) is None
     fastest_rate = max(float(np.max(rate)) for rate in turning_at_start(*parts(scene)))
     assert scene.run.every * fastest_rate <= 1.0 + 1e-9
-    assert CliRunner().invoke(app, [*words, "--t-end", "1day"]).exit_code == 0
+    assert invoke(*words, "--t-end", "1day").exit_code == 0
     assert rm.Scene.load(file).run.every == 86400.0  # the first and the last state
 
 

@@ -5,17 +5,12 @@ import re
 import numpy as np
 import pytest
 from scipy import stats
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.views.summary import summary_text
+from tests.tools.commands import invoke
 
 NUMBER = r"([-+.e\d]+|nan|inf)"
-
-
-def invoke(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 @pytest.fixture(scope="module")

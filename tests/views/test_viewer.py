@@ -8,15 +8,14 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.errors import OptionError, OutputExists
 from rigidmc.runs.frames import frames
 from rigidmc.views import figures
 from rigidmc.views.viewer.data import short, sphere_density
 from rigidmc.views.viewer.page import view
+from tests.tools.commands import invoke
 
 BROWSER = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
@@ -187,11 +186,11 @@ def test_the_command_writes_pages_of_results_scenes_and_maps(spun, map_page, tmp
     rm.simulate(spun.rigid.scene(), output="top.nc").close()
     map_page[1].to_netcdf("map.nc")
     for words in (["top.nc", "--members", "0"], ["map.nc", "-o", "m.html"]):
-        done = CliRunner().invoke(app, ["view", *words])
+        done = invoke("view", *words)
         assert done.exit_code == 0, done.output
     assert data_of((tmp_path / "m.html").read_text())["map"]["members"] == "2 members"
     assert len(data_of((tmp_path / "top.html").read_text())["members"]) == 1
-    again = CliRunner().invoke(app, ["view", "top.nc"])
+    again = invoke("view top.nc")
     assert again.exit_code == 6 and "exists" in again.stderr
     for words, rule in (
         (["nowhere.nc"], "no such file"),
@@ -200,7 +199,7 @@ def test_the_command_writes_pages_of_results_scenes_and_maps(spun, map_page, tmp
         (["top.nc", "-o", "top.png"], ".html"),
         (["top.nc", "--set", "start.omega.3=1"], "is for scenes"),
     ):
-        done = CliRunner().invoke(app, ["view", *words, "--force"])
+        done = invoke("view", *words, "--force")
         assert done.exit_code in (3, 74) and rule in done.stderr, (words, done.stderr)
 
 

@@ -13,14 +13,13 @@ import pytest
 import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 import rigidmc
-from rigidmc.cli import app
 from rigidmc.engine.compiler.disk_cache import cache_folder
 from rigidmc.runs.directory.create import create
 from rigidmc.scene.library import read_source, shipped_names
 from tests.runs.test_resume import SCENE
+from tests.tools.commands import invoke
 
 PACKAGE = pathlib.Path(rigidmc.__file__).parent
 NEVER = {
@@ -83,7 +82,7 @@ def broken(draw):
 
 def told(*words):
     """The exit code of a command; fails on a traceback or more than one message."""
-    made = CliRunner().invoke(app, [str(word) for word in words])
+    made = invoke(*words)
     assert made.exception is None or isinstance(made.exception, SystemExit), (words, made.exception)
     messages = made.stderr.count("rigidmc: ") - made.stderr.count("rigidmc: note")
     assert made.exit_code in (0, 5) or messages == 1, made.stderr

@@ -6,18 +6,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.errors import in_file, unknown
 from rigidmc.inputs.amounts import parse_count, parse_seconds
+from tests.tools.commands import invoke
 
 PACKAGE = Path(rm.__file__).parent
-
-
-def invoke(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 class Wind(NamedTuple):
@@ -100,19 +95,19 @@ def test_the_command_line_shows_an_argument_as_its_option():
     with pytest.raises(rm.OptionError) as caught:
         rm.ftle("heavy_top", 0)
     assert caught.value.at == "families" and str(caught.value).startswith("families = 0: ")
-    done = invoke("rare", "heavy_top", "--of", "mean(flips)")
+    done = invoke("rare heavy_top --of mean(flips)")
     assert done.exit_code == 3 and done.output.startswith("rigidmc: heavy_top: --of = 'mean(")
     # `map` has no option of the name of its argument
-    done = invoke("map", "list", "nosuch")
+    done = invoke("map list nosuch")
     assert done.exit_code == 3 and done.output.startswith("rigidmc: list: map = 'nosuch'")
     # a word after the option is no option, although it has the name of one
-    done = invoke("new", "x.toml", "--solid", "box", "--size", "size=1,2")
+    done = invoke("new x.toml --solid box --size size=1,2")
     assert done.output.startswith("rigidmc: --size size = "), done.output
 
 
 @pytest.mark.parametrize("path", ["x.foo", "nowhere/x.png"])
 def test_outputs_are_named_by_their_own_option(path):
-    done = invoke("run", "heavy_top", "--plot", path)
+    done = invoke("run heavy_top --plot", path)
     assert done.exit_code in (3, 74) and "--output" not in done.output
     assert done.exit_code == 74 or "--plot = 'x.foo'" in done.output
 

@@ -19,10 +19,8 @@ from unittest.mock import patch
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.engine.compiler import kernels
 from rigidmc.runs import prepare
 from rigidmc.runs.directory import shards
@@ -30,6 +28,7 @@ from rigidmc.studies.accuracy import study as accuracy
 from rigidmc.studies.stress import hard_cases, trust
 from rigidmc.views import descriptions as estimate
 from tests.tools import hostile, hostile_readers
+from tests.tools.commands import invoke
 from tests.tools.faulty import LINUX
 
 pytestmark = LINUX
@@ -134,7 +133,7 @@ def good(tmp_path_factory):
                   ["animate", made.at("scene.nc"), "--member", "3", "--seconds", "0.2", "-o",
                   made.at("x.gif")],
                   ["plot", made.at("scene-run"), "-o", made.at("x.png")]):  # fmt: skip
-        done = CliRunner().invoke(app, words)  # compiles, and imports what takes seconds
+        done = invoke(*words)  # compiles, and imports what takes seconds
         assert done.exit_code == 0, done.output
     return made
 
@@ -223,7 +222,7 @@ def told(some, good, kind, command, path, folder):
         words = words_of(some, kind, command, path, folder)
         if kind == "words":
             command, words = hostile_readers.hostile_words(some, good)
-        done = CliRunner().invoke(app, [command, *words])
+        done = invoke(command, *words)
     except Passed:
         return 0, ""
     finally:

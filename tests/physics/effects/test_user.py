@@ -9,10 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.engine.inspection import why_scalar
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.so3 import vertical
@@ -20,6 +18,7 @@ from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.tolerance import choose
 from rigidmc.protocols import effect
 from rigidmc.studies.stress.trust import trust
+from tests.tools.commands import invoke
 from tests.tools.kernels import one_step, prepare
 
 BODY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
@@ -238,7 +237,7 @@ def test_a_misspelt_method_in_a_scene_file_is_one_message(tmp_path):
         "[body]\nmoments = [1, 2, 2.5]\n[start]\nomega = [0, 1, 0]\n"
         '[effects.push]\nmodule = "mine.py"\nk = 1.0\n'
     )
-    done = CliRunner().invoke(app, ["check", str(tmp_path / "scene.toml"), "--allow-code"])
+    done = invoke("check", tmp_path / "scene.toml", "--allow-code")
     assert done.exit_code == 3 and "it has `torqe`: did you mean `torque`?" in done.stderr
 
 
@@ -340,7 +339,7 @@ def test_code_from_a_scene_file_runs_only_where_it_is_allowed(folder, capfd):
     ):
         rm.Scene.load(path)
     for command in ("run", "show", "check", "stress", "accuracy"):
-        result = CliRunner().invoke(app, [command, path])
+        result = invoke(command, path)
         assert result.exit_code == 3
     assert "user's" not in capfd.readouterr().out
     scene = rm.Scene.load(path, allow_code=True)

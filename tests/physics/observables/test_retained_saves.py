@@ -6,10 +6,8 @@ from unittest.mock import patch
 import numpy as np
 import psutil
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from rigidmc.errors import NoRoom, SceneError
 from rigidmc.files.netcdf import read
 from rigidmc.runs import resources
@@ -17,6 +15,7 @@ from rigidmc.runs.directory import gather, resume
 from rigidmc.runs.directory.create import create
 from rigidmc.scene.recording import make_recording
 from tests.runs.test_resume import SCENE as OTHER
+from tests.tools.commands import invoke
 
 SCENE = OTHER.with_run(every=0.1, turn_limit=0.051, save=("omega", "flips", "omega_max"))
 
@@ -63,7 +62,7 @@ def test_flagged_members_are_kept_in_full(full, tmp_path, keep):
     resume.resume(tmp_path / "run")
     alike(rm.open(tmp_path / "run"), ds)
     for words in (["summary"], ["rerun", "--member", "5"], ["plot", "-o", f"{tmp_path}/a.png"]):
-        made = CliRunner().invoke(app, [words[0], f"{tmp_path}/run", *words[1:]])
+        made = invoke(words[0], f"{tmp_path}/run", *words[1:])
         assert made.exit_code == 0, made.output
     with gather.consolidate(tmp_path / "run", tmp_path / "two.nc") as file:
         alike(file, ds)
@@ -141,7 +140,7 @@ def test_a_run_beyond_memory_or_disk_is_refused(tmp_path, monkeypatch):
     with pytest.raises(NoRoom, match="run fewer members"):
         rm.simulate(SCENE, output=tmp_path / "one.nc")
     assert list(tmp_path.iterdir()) == []
-    told = CliRunner().invoke(app, ["run", "tennis_racket", "-o", f"{tmp_path}/one.nc"])
+    told = invoke("run tennis_racket -o", f"{tmp_path}/one.nc")
     assert (
         told.exit_code == 74
         and told.stderr.count("rigidmc:") == 1

@@ -6,15 +6,14 @@ import warnings
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.cli import app
 from tests.scene.body_files.test_real_bodies import GO1_URDF, PANDA_MJCF, PANDA_URDF, UR5, WING
+from tests.tools.commands import invoke
 
 
 def body_command(*words):
-    return CliRunner().invoke(app, ["body", *map(str, words)])
+    return invoke("body", *words)
 
 
 def test_a_link_is_described(tmp_path):

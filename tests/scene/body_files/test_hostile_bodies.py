@@ -17,12 +17,11 @@ import struct
 import numpy as np
 import psutil
 import pytest
-from typer.testing import CliRunner
 
-from rigidmc.cli import app
 from rigidmc.files import trial
 from tests.scene.body_files.test_cad_text import particles, solidworks
 from tests.scene.body_files.test_robots import joint, link, mjcf, robot
+from tests.tools.commands import invoke
 from tests.tools.faulty import LINUX
 from tests.tools.hostile import NUMBERS, bytes_of, hostile_kind
 from tests.tools.hostile_readers import MESHES, hostile_mesh
@@ -180,7 +179,7 @@ def attack(count, seed, folder):
         if path[-4:] in MESHES:
             words += ["--density", "1000", "--solid", some.choice(("solid", "hull"))]
         meter.begin()
-        done = CliRunner().invoke(app, words)
+        done = invoke(*words)
         seconds, size = meter.end()
         failed = not isinstance(done.exception, (SystemExit, type(None)))
         assert not failed and done.exit_code in CODES, (seed, i, path, done.exception, done.output)
@@ -198,11 +197,11 @@ def warm(tmp_path_factory):
     """Import what takes seconds, and start the helper."""
     path = tmp_path_factory.mktemp("warm") / "good.stl"
     path.write_text(MESHES[".stl"])
-    assert CliRunner().invoke(app, ["body", str(path), "--density", "1000"]).exit_code == 0
+    assert invoke("body", path, "--density", "1000").exit_code == 0
     for ending, text in GOOD.items():
         path = path.with_suffix(ending)
         path.write_text(text)
-        CliRunner().invoke(app, ["body", str(path)])
+        invoke("body", path)
     assert trial._idle
 
 
