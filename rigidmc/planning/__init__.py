@@ -10,7 +10,7 @@ orbit), `monitors` (quantities recorded at every step), `steps` (the time grid a
 steps), `switches` (steps that effects cut), `scheme` (how the integrator is compiled), `limits`
 (bounds that flag a member), `closed_form` (motions that need no steps), `turns` (how dense saves
 must be), `saves` (times of saves that a scene leaves open), `plan` (all of this in one value),
-`derivative_names` and `body_derivatives` (parameters by which a scene has derivatives), `tangents`
+`parameters` and `body_parameters` (parameters by which a scene has derivatives), `tangents`
 (derivatives of the members at their start), `notes`, `body_notes`, `effect_notes` and `start_notes`
 (hints to the user), and the subpackage `tolerance` (integrator and step for a given accuracy).
 

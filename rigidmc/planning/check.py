@@ -23,9 +23,9 @@ from rigidmc.physics.observables.protocol import (
     Running,
 )
 from rigidmc.planning.switches import check_switches
-from rigidmc.scene.derivative_names import END
 from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.model import Model
+from rigidmc.scene.parameters import END
 from rigidmc.scene.quantities import Grid, count_rows, draw, is_shared
 from rigidmc.scene.recording import Recording
 from rigidmc.scene.sampling import DESIGNS, is_drawn, refuse_indexed

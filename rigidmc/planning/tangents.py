@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.dual_arrays import DualArray, TangentsLost, plain, zeros
 from rigidmc.planning.initial import Source, fill_initial, member_ranges
-from rigidmc.scene.body_derivatives import Path
-from rigidmc.scene.derivative_names import seeds_of
+from rigidmc.scene.derivatives import seeds_of
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.model import Model
+from rigidmc.scene.parameter import Path
 from rigidmc.scene.quantities import Drawn, Grid, Marked, Rate, Varied
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ def tangents_at_start(
     Only the rows of `rows_to_fill` have derivatives. The derivative of an attitude is orthogonal to
     it.
 
-    names : of the parameters, see `rigidmc.scene.derivative_names`
+    names : of the parameters, see `rigidmc.scene.parameters`
     axes : first of the four rows of the members' principal axes, a quaternion; None without them
     out : array of this shape to fill and return; its other rows keep their numbers
 

@@ -33,8 +33,8 @@ from rigidmc.results.variables import (
     parameter_variable,
     saved_variables,
 )
-from rigidmc.scene.derivative_names import derivative_unit
 from rigidmc.scene.derivatives import parameters_of_run
+from rigidmc.scene.parameters import units_at
 from rigidmc.scene.recording import Recording, make_recording
 from rigidmc.scene.scene import Scene, loads
 from rigidmc.scene.settings import Run
@@ -159,7 +159,7 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
     ]
     # only the code defines the units of their parameters
     own = tuple(f"effects.{label}." for label, _ in opaque)
-    parameters = parameters_of_run(scene)
+    parameters = parameters_of_run(model, run.wrt)
     bins = tuple(
         (f"{label}_bin", one.edges(), _units(recorded, one.name, f"{label}_bin", dataset))
         for label, one in recorded.histograms
@@ -174,7 +174,8 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
         dims=dimensions(recorded.recorded, recorded.monitored),
         parameters=parameters,
         parameter_units=tuple(
-            "" if name.startswith(own) else derivative_unit(scene, name) for name in parameters
+            "" if name.startswith(own) else unit
+            for name, unit in zip(parameters, units_at(model, parameters), strict=True)
         ),
     )
     always = member_variables(model, run, recorded, False)

@@ -20,7 +20,7 @@ from rigidmc.results.variables import (
     member_variables,
     saved_variables,
 )
-from rigidmc.scene.derivative_names import derivative_unit
+from rigidmc.scene.parameters import units_at
 from rigidmc.scene.quantities import count_rows
 from rigidmc.scene.recording import Recording
 from rigidmc.scene.sampling import drawn_through
@@ -48,7 +48,7 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
         **({"drawn": through} if (through := drawn_through(scene.model, scene.run)) else {}),
         **(UNCOMPILED if plan.scheme is not None and is_uncompiled() else {}),
     }
-    monitors, units = plan.monitors, tuple(derivative_unit(scene, name) for name in plan.wrt)
+    monitors, units = plan.monitors, units_at(scene.model, plan.wrt)
     saved, of_flagged = saved_variables(model.effects, recorded), flagged_variables(recorded)
     by_member = member_variables(model, run, recorded, plan.has_attitude)
     axes = plan.times, plan.thinned, plan.labels, monitors.bins, monitors.dims, plan.wrt, units

@@ -25,9 +25,9 @@ from rigidmc.processes.progress import Progress, Report, reporter
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.variables import ROTATED
 from rigidmc.runs.end_of_run import add_derivatives_by_end
-from rigidmc.scene.derivative_names import END
 from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.drifts import drift_laws
+from rigidmc.scene.parameters import END
 
 Initial = Callable[[int, int], tuple[Array, Start]]  # (first place, count) -> rows, start
 

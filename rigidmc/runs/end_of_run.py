@@ -23,7 +23,7 @@ from rigidmc.physics.effects.sums import has_untracked
 from rigidmc.physics.observables.protocol import is_time_average
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import Array, physics
-from rigidmc.scene.derivative_names import END
+from rigidmc.scene.parameters import END
 
 
 def add_derivatives_by_end(plan: Plan, rows: Array, saves: Array) -> None:

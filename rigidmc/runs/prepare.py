@@ -429,7 +429,7 @@ def prepare(
     members, which = range_of_members(members)
     scene = with_settings(scene, members, {**settings, "integrator": integrator})
     if names := (varied,) if isinstance(varied, str) else tuple(varied):
-        scene = scene.with_run(varied=nominal_of(scene, names))
+        scene = scene.with_run(varied=nominal_of(scene.model, names))
     count = scene.run.members if which is None else which.size
     if isinstance(members, range):
         # A part of an ensemble has the saves of the whole, so that parts fit together. The result
@@ -458,7 +458,11 @@ def prepare_scene(scene: Scene, plotted: int = 0) -> PreparedRun:
 
 def _prepare_scene(scene: Scene, plotted: int) -> PreparedRun:
     """Prepare a scene whose varied parameters are already marked; see `prepare_scene`."""
-    asked, wrt, recorded = scene, parameters_of_run(scene), make_recording(scene)
+    asked, wrt, recorded = (
+        scene,
+        parameters_of_run(scene.model, scene.run.wrt),
+        make_recording(scene),
+    )
     check_scene(scene, recorded)  # first: every step from here on may evaluate custom effects
     units = choose_units(scene)
     if units is not None:

@@ -8,13 +8,13 @@ start), `body`, `body_makers`, `body_readers` and `body_changes` (bodies, from f
 others), `inertia_about` (inertias about the centre of mass), `stated` (bodies as scenes state
 them), `shape` (solids that pictures draw), `start` and `start_tables` (conventions of attitudes),
 `settings` (the table [run], which defines keywords and options), `save_times` (its setting
-`every`), `units` (the conversion of "10 deg/s" to SI), `validation` (of
-effects and observables), `recording` (saved and monitored variables), `quantities` and
-`distributions` (how members differ), `sampling` (sources of uniform numbers), `parameters`
-(parameters of a scene by name), `varied` (parameters that change between runs of a prepared scene),
-`derivatives`, `derivative_names`, `body_derivatives` (parameters by which a run differentiates, and
-where each enters), `reparametrise` (derivatives of drawn numbers), `drifts` (how drifts grow); and
-the packages `vector_distributions`, `body_files` (readers of robots and drawings), `toml` (scene
+`every`), `units` (the conversion of "10 deg/s" to SI), `validation` (of effects and observables),
+`recording` (saved and monitored variables), `quantities` and `distributions` (how members differ),
+`sampling` (sources of uniform numbers), `parameter`, `body_parameters` and `parameters` (one
+catalogue of the numbers of a model: name, units, derivative, and where each enters), `varied`
+(parameters that change between runs of a prepared scene), `derivatives` (parameters by which a run
+differentiates), `reparametrise` (derivatives of drawn numbers), `drifts` (how drifts grow); and the
+packages `vector_distributions`, `body_files` (readers of robots and drawings), `toml` (scene
 files), `user_parts` (users' classes) and `library` (shipped scenes).
 
 Invariants: the names and meanings in scene files, and the random stream of each name: a new

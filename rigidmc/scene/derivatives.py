@@ -4,29 +4,79 @@
 in the variable d_NAME, with the dimension `parameter`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from rigidmc.scene.derivative_names import check_derivative_names, parameters_of
-from rigidmc.scene.scene import Scene
-from rigidmc.scene.varied import vector_of
+from rigidmc.errors import SceneError, unknown
+from rigidmc.scene.model import Model
+from rigidmc.scene.parameter import Parameter, Seed
+from rigidmc.scene.parameters import parameters_of, vector_of
 
 EACH = "per parameter_unit"  # end of units that differ between the parameters
+_SYMMETRIC = (".tensor", ".mean", ".covariance")  # names before the indices of symmetric matrices
 
 
-def parameters_of_run(scene: Scene) -> tuple[str, ...]:
+def parameter_names_of_derivatives(model: Model) -> list[str]:
+    """Return the names of all parameters by which a model has derivatives.
+
+    Examples
+    --------
+    >>> from rigidmc.scene.derivatives import parameter_names_of_derivatives
+    >>> start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0))
+    >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=start)
+    >>> names = parameter_names_of_derivatives(scene.model)
+    >>> [name for name in names if name.startswith("start.omega.1")]
+    ['start.omega.1', 'start.omega.1.mean', 'start.omega.1.standard_deviation']
+    """
+    return _able(parameters_of(model))
+
+
+def _able(known: Mapping[str, Parameter]) -> list[str]:
+    """Return the names that have a derivative."""
+    each = {name: one.seeds for name, one in known.items()}
+    return [name for name, of in each.items() if callable(of) and not isinstance(of(), str)]
+
+
+def seeds_of(model: Model, names: Sequence[str]) -> list[list[Seed]]:
+    """Return the Seeds of each name; SceneError for a name that is unknown, given twice, or without
+    a derivative, with the nearest name or the reason."""
+    known, found, at = parameters_of(model), list[list[Seed]](), "run.wrt"
+    names = [_upper_element(name) for name in names]
+    for i, name in enumerate(names):
+        given = known[name].seeds if name in known else None
+        if given is None:
+            raise unknown("parameter with a derivative", _able(known), at=at, value=name)
+        seeds = given() if callable(given) else given
+        if isinstance(seeds, str):
+            raise SceneError(f"has no derivative: it {seeds}", at=at, value=name)
+        if name in names[:i]:
+            raise SceneError("is given twice", at=at, value=name)
+        found.append(seeds)
+    return found
+
+
+def _upper_element(name: str) -> str:
+    """Return the name of an element of a symmetric matrix with its smaller index first."""
+    whole, *pair = name.rsplit(".", 2)
+    if not whole.endswith(_SYMMETRIC) or not all(map(str.isdecimal, pair)):
+        return name
+    return ".".join([whole, *sorted(pair, key=int)])
+
+
+def parameters_of_run(model: Model, names: Sequence[str] | None) -> tuple[str, ...]:
     """Return the parameters by which a run differentiates, each once, () if there are none.
 
-    A vector such as "start.omega" stands for its components. Raises SceneError with the nearest
-    name for a parameter that the scene lacks.
+    names : the setting `wrt`; a vector such as "start.omega" stands for its components
+
+    Raises SceneError with the nearest name for a parameter that the model lacks.
     """
-    if not scene.run.wrt:
+    if not names:
         return ()
-    single = list(parameters_of(scene.model))
+    single = [name for name, one in parameters_of(model).items() if one.seeds is not None]
     found: dict[str, None] = {}
-    for name in scene.run.wrt:
+    for name in names:
         components = [one for one in single if vector_of(one) == name]
         found |= dict.fromkeys(components or [name])
-    check_derivative_names(scene, tuple(found))
+    seeds_of(model, tuple(found))
     return tuple(found)
 
 

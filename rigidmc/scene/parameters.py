@@ -1,159 +1,245 @@
-"""The parameters of a scene by name, such as body.moments.1, start.omega.angle or
-effects.gravity.g, which a map may vary."""
+"""The parameters of a model by name, such as body.moments.1, start.omega.angle or
+effects.gravity.g: one catalogue of names, units and derivatives, and models with other numbers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from inspect import signature
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from rigidmc.errors import SceneError, unknown
-from rigidmc.mechanics.euler_angles import angle_names
+from rigidmc.mechanics.euler_angles import ANGLES, angle_names
 from rigidmc.mechanics.solids import SOLIDS
-from rigidmc.physics.effects import label_effects
-from rigidmc.physics.effects.protocol import shape, user_parameters
+from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.dynamics.so3 import multiply
+from rigidmc.physics.effects import EFFECTS, label_effects, name_of
+from rigidmc.physics.effects.protocol import facts, shape, user_parameters
 from rigidmc.scene.body import Body
-from rigidmc.scene.quantities import Grid, Varied, is_shared, quantity
+from rigidmc.scene.body_parameters import body_parameters, solid_of
+from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.model import Model
+from rigidmc.scene.parameter import (
+    Parameter,
+    Parameters,
+    Path,
+    Seed,
+    by_name,
+    of_field,
+    of_quantities,
+    of_quantity,
+    of_vector,
+    one_seed,
+    refused,
+)
+from rigidmc.scene.quantities import Drawn, Grid, Rate, Varied, draw, is_shared, quantity
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.shape import ShapePart
-from rigidmc.scene.start import Start
 from rigidmc.scene.stated import NO_RATE, Stated, refused_numbers
-from rigidmc.scene.vector_distributions.bodies import TensorDistribution
-from rigidmc.scene.vector_distributions.protocol import VectorDistribution
-from rigidmc.scene.vector_distributions.vectors import whole_of
+from rigidmc.scene.units import START
+from rigidmc.scene.vector_distributions.attitudes import Fisher, Pointing
+from rigidmc.scene.vector_distributions.protocol import EquilibriumEnsemble, VectorDistribution
 
-_BY_MASS = [name for name, make in SOLIDS.items() if "mass" in signature(make).parameters]
-_FIXED = ("axis", "covariance", "direction")  # fields of distributions that no map varies
+END = "run.t_end"  # enters no member at its start, see `rigidmc.runs.end_of_run`
 
 
-def parameter_names(scene: Scene) -> list[str]:
-    """Return the names of all parameters of a scene that may differ between members."""
-    solid = solid_by_mass(scene.body)
-    if isinstance(scene.body.stated, Stated):
-        names = scene.body.stated.names()
-    elif solid is not None:
-        names = [f"body.{solid}.mass"]
-    else:
-        names = [*_of("body.moments", scene.body.moments), "body.mass"]
-        names += [f"body.centre.{i}" for i in (1, 2, 3)]
-    which = scene.start.spin_name
-    names += _of(f"start.{which}", getattr(scene.start, which))
-    if scene.start.has_euler_angles:
-        names += [f"start.attitude.{name}" for name in angle_names(scene.start.sequence)]
-    for label, effect in label_effects(scene.effects):
+def parameters_of(model: Model) -> Parameters:
+    """Return all parameters of a model by name."""
+    which = model.start.spin_name
+    spin, known = getattr(model.start, which), body_parameters(model.body)
+    known |= by_name(of_vector(f"start.{which}", ("start", which), spin, START[which]))
+    if isinstance(spin, EquilibriumEnsemble) and model.body.is_turned:
+        known |= refused(known, (f"start.{which}.{i}" for i in (1, 2, 3)), _TURNED)
+    has_angles = model.start.has_euler_angles
+    attitude = by_name(_of_attitude(model)).items()
+    known |= {k: one._replace(is_settable=one.is_settable and has_angles) for k, one in attitude}
+    for i, (label, effect) in enumerate(label_effects(model.effects)):
         for field in user_parameters(effect):
-            name, size = f"effects.{label}.{field}", shape(effect, field)
-            if whole_of(getattr(effect, field)) is not None:
-                continue  # no component of a correlated vector may change alone
-            names += [name] if size is None else [f"{name}.{i + 1}" for i in range(size)]
-    return names
+            unit, path = facts(effect).units.get(field, "1"), ("effects", i, field)
+            of_one = of_quantity if shape(effect, field) is None else of_vector
+            value = getattr(effect, field)
+            known |= by_name(of_one(f"effects.{label}.{field}", path, value, unit))
+    known |= refused(known, *_refused_by_rejection(model, known))
+    return known | {END: Parameter(END, "s", list)}
 
 
-def _of(name: str, value: Any) -> list[str]:
-    """Return the names of three components, or of the parameters of a distribution."""
-    if not isinstance(value, VectorDistribution):
-        return [f"{name}.{i}" for i in (1, 2, 3)]
-    if isinstance(value, TensorDistribution):
-        return []  # its parts are matrices: no single element of one may change alone
-    names = []
-    for field, part in value.as_dict().items():
-        if field not in _FIXED:
-            several = isinstance(part, tuple)
-            names += [f"{name}.{field}.{i}" for i in (1, 2, 3)] if several else [f"{name}.{field}"]
-    return names
+def parameter_names(model: Model) -> list[str]:
+    """Return the names of all parameters of a model that may differ between members."""
+    return [name for name, one in parameters_of(model).items() if one.is_settable]
 
 
-def with_parameter(
-    scene: Scene,
-    name: str,
-    value: Any,
-    key: str = "parameter",
-    names: Sequence[str] | None = None,
-) -> Scene:
+def unit_at(model: Model, name: str) -> str:
+    """Return the SI units of a parameter or a vector; "1" for a name that is neither."""
+    return units_at(model, (name,))[0]
+
+
+def units_at(model: Model, names: Iterable[str]) -> tuple[str, ...]:
+    """Return `unit_at` for each name."""
+    units: dict[str, str] = {}
+    for word, one in parameters_of(model).items():
+        units[word] = units[vector_of(word)] = one.unit
+    return tuple(units.get(name, "1") for name in names)
+
+
+def vector_of(name: str) -> str:
+    """Return the name of the vector that contains a component; "" for a scalar."""
+    whole, _, last = name.rpartition(".")
+    return whole if last.isdecimal() or (whole == "start.attitude" and last in ANGLES) else ""
+
+
+def path_of(model: Model, name: str) -> Path:
+    """Return where a model has a parameter or a vector that may differ between members."""
+    table, *words = name.split(".")
+    path: list[str | int] = [int(word) - 1 if word.isdecimal() else word for word in words]
+    if table == "effects":
+        path[0] = [label for label, _ in label_effects(model.effects)].index(words[0])
+    elif table == "start" and words[-1] in (angles := angle_names(model.start.sequence)):
+        path[-1] = angles.index(words[-1])
+    elif words[0] in SOLIDS:
+        path = path[1:]  # the mass of a solid is that of its body
+    return table, *path
+
+
+def value_at(model: Model, name: str) -> Any:
+    """Return the value of a parameter or a vector."""
+    value: Any = model
+    for key in path_of(model, name):
+        value = value[key] if isinstance(key, int) else getattr(value, key)
+    return value
+
+
+_TURNED = "is drawn in the principal axes of each member, not in the axes of the scene"
+_POLE = "is a direction along z, where the azimuth of the direction jumps"
+_TABLE = "is a parameter of a distribution whose quantiles are read from a table"
+
+
+def _of_attitude(model: Model) -> Iterator[Parameter]:
+    """Yield the parameters of the attitude at the start: its angles, the four components of its
+    quaternion, which is normalised, or the rotations of an attitude that is drawn as a whole."""
+    name, path, value = "start.attitude", ("start", "attitude"), model.start.attitude
+    if model.start.has_euler_angles:
+        for i, angle in enumerate(angle_names(model.start.sequence)):
+            yield from of_quantity(f"{name}.{angle}", (*path, i), value[i], START["attitude"])
+    elif isinstance(value, tuple) and any(isinstance(x, Distribution) for x in value):
+        yield from of_quantities(name, path, value, "1")
+    elif isinstance(value, tuple):
+        for k in range(4):
+            yield Parameter(f"{name}.{k + 1}", "1", partial(_of_component, value, k))
+    else:
+        is_turned = value == "ensemble" and model.body.is_turned
+        for i in range(3):  # rotations about the body axes
+            seeds = one_seed(("start", "sample_attitude"), _own_rotation(i))
+            yield Parameter(f"{name}.{i + 1}", "rad", _TURNED if is_turned else seeds)
+    if isinstance(value, Fisher):
+        yield from (Parameter(f"{name}.{field}", "1", _TABLE) for field in value.names())
+    elif isinstance(value, VectorDistribution):
+        for field, part in value.as_dict().items():
+            at_pole = isinstance(value, Pointing) and not any(value.direction[:2])
+            rule = _POLE if at_pole and field == "direction" else None
+            for one in of_field(f"{name}.{field}", (*path, field), part, "1"):
+                yield one._replace(seeds=rule or one.seeds)
+
+
+def _own_rotation(i: int) -> Rate:
+    """Return the derivatives q (0, e_i)/2 of attitudes (4, n) by a rotation about body axis i."""
+    half = tuple(0.5 * float(i == k) for k in range(3))
+    return lambda drawn: np.stack(multiply(tuple(drawn.values), (0.0, *half)))
+
+
+def _of_component(value: Any, k: int) -> list[Seed]:
+    """Return the Seeds of component k of a quaternion p: its change orthogonal to p.
+
+    The rest changes only the norm. Normalising would remove it, but p may already be normalised,
+    and is then used as it is.
+    """
+
+    def rate_of(i: int) -> Rate:
+        def rate(drawn: Drawn) -> Any:
+            p = draw(value, 0, "", drawn.first, drawn.values.size)
+            return float(i == k) - p[i] * p[k] / (p * p).sum(0)
+
+        return rate
+
+    return [Seed(("start", "attitude", i), rate_of(i)) for i in range(4)]
+
+
+def _refused_by_rejection(model: Model, known: Parameters) -> tuple[list[str], str]:
+    """Return the parameters on which the attitudes of an ensemble depend, and the reason why they
+    have no derivative."""
+    rule = (
+        'changes which attitudes are accepted: attitude = "ensemble" is drawn by rejection, which'
+        " jumps from one attitude to another"
+    )
+    acting = [one for one in label_effects(model.effects) if implements(one[1], "energy")]
+    if model.start.attitude != "ensemble" or not acting:
+        return [], rule
+    parts = ("body.", *(f"effects.{label}." for label, _ in acting))
+    parts += tuple(f"start.momentum.{field}" for field in model.start.momentum.names())
+    # the energies of the effects shipped depend on the body by its mass and centre alone
+    shipped = all(name_of(effect) in EFFECTS for _, effect in acting)
+    free = ("body.moments.",) if shipped else ()
+    return [k for k in known if k.startswith(parts) and not k.startswith(free)], rule
+
+
+def with_parameter(scene: Scene, name: str, value: Any, key: str = "parameter") -> Scene:
     """Replace a parameter of a scene by a number, distribution or grid; SceneError with the nearest
     name.
 
-    key : name of the argument in the error;  names : known parameters, by default `parameter_names`
+    key : name of the argument in the error
     """
-    return with_parameters(scene, {name: value}, key, names)
+    return scene.with_model(with_parameters(scene.model, {name: value}, key))
 
 
 def with_parameters(
-    scene: Scene,
+    model: Model,
     values: Mapping[str, Any],
     key: str = "parameter",
     names: Sequence[str] | None = None,
-    **others: Any,
-) -> Scene:
-    """Replace several parameters of a scene, as `with_parameter` does.
+) -> Model:
+    """Replace several parameters of a model, as `with_parameter` does.
 
     Each part is replaced once, because a part checks all its numbers when it is made.
 
-    others : further fields of the scene to replace
+    names : known parameters, by default `parameter_names`
     """
-    names = parameter_names(scene) if names is None else names
+    names = parameter_names(model) if names is None else names
+    body, effects = model.body, list(model.effects)
     changed: dict[str, dict[str, Any]] = {"body": {}, "start": {}}
-    body, effects = scene.body, dict(label_effects(scene.effects))
     stated = body.stated if isinstance(body.stated, Stated) else None
     for name, value in values.items():
-        if "." not in name:
-            raise unknown("scene parameter", names, at=key, value=name)
-        table, first, *rest = name.split(".")
         if why := refused_numbers(body.stated).get(name):
             raise SceneError(f"cannot differ between members: it {why}", at=key, value=name)
-        if table == "body" and stated is None and (solid := solid_by_mass(scene.body)):
+        is_of_body = name.startswith("body.")
+        if is_of_body and stated is None and (solid := solid_by_mass(body)):
             body = _of_mass(body, solid, name, value, key)
             continue
         if name not in names:
             raise unknown("scene parameter", names, at=key, value=name)
-        if table == "body" and stated is not None:
+        table, first, *rest = path_of(model, name)
+        if is_of_body and stated is not None:
             if not is_shared(value if type(value) is tuple else quantity(value, name)):
                 raise SceneError(f"cannot differ between members: it {NO_RATE}", at=key, value=name)
             stated = _put(stated, ["inertia" if first == stated.key else first, *rest], value)
-            continue
-        if table == "effects":
-            effects[first] = _put(effects[first], rest, value)
-            continue
-        if table == "start":
-            rest = [component_of(scene.start, word) for word in rest]
-        known = changed[table]
-        known[first] = _put(known.get(first, getattr(getattr(scene, table), first)), rest, value)
+        elif table == "effects":
+            effects[int(first)] = _put(effects[int(first)], rest, value)
+        else:
+            fields = changed[str(table)]
+            whole = fields.get(str(first), getattr(getattr(model, str(table)), str(first)))
+            fields[str(first)] = _put(whole, rest, value)
     if stated is not None and stated is not body.stated:
         body = stated.make(type(body), body.frame)
     if changed["body"]:
         body = replace(body, **changed["body"], shape=())  # the shape belongs to the original body
-    start = replace(scene.start, **changed["start"]) if changed["start"] else scene.start
-    return replace(scene, body=body, start=start, effects=tuple(effects.values()), **others)
+    start = replace(model.start, **changed["start"]) if changed["start"] else model.start
+    return Model(body, tuple(effects), start)
 
 
-def component_of(start: Start, word: str) -> str:
-    """Return the number, from 1, of an angle of the attitude; other words as they are."""
-    names = angle_names(start.sequence)
-    return str(names.index(word) + 1) if word in names else word
-
-
-def solid_by_mass(body: Any) -> str | None:
+def solid_by_mass(body: Body) -> str | None:
     """Return the name of the solid if a body is a solid given by mass, with any pivot; else None.
 
     A shape next to explicit moments is only drawn and does not make the body a solid.
     """
-    part = body.shape[0] if len(body.shape) == 1 else None
-    if part is None or part.solid not in _BY_MASS:
-        return None
-    moments, mass, centre = (values[..., 0] for values in body.sample(0, 0, 1))
-    made = _made(part, float(mass))
-    long = np.sqrt(max(made.moments) / mass)
-    off = moments / max(made.moments) - np.array(made.moments) / max(made.moments)
-    away = (centre - made.to_principal(made.centre)) / long
-    same = max(np.abs(off).max(), np.abs(away).max()) < 1e-12  # rounding of a grid and a shift
-    return part.solid if same else None
-
-
-def _made(part: ShapePart, mass: float) -> Body:
-    """Return a solid of a mass, about the fixed point of its shape."""
-    made = Body.solid(part.solid, mass=mass, **part.sizes)
-    return made.with_pivot(tuple(-x for x in part.at)) if any(part.at) else made
+    solid = solid_of(body)
+    return solid.part.solid if solid is not None and solid.is_by_mass else None
 
 
 def refuse_part_of_solid(solid: str, name: str, key: str) -> SceneError:
@@ -176,21 +262,24 @@ def _of_mass(body: Any, solid: str, name: str, value: Any, key: str) -> Any:
     if name != f"body.{solid}.mass":
         raise refuse_part_of_solid(solid, name, key)
     # of 1 kg, not of the present mass: a rerun, which has other ones, then rounds alike
-    each = map(float, _made(body.shape[0], 1.0).moments)
+    part = body.shape[0]
+    made = Body.solid(part.solid, mass=1.0, **part.sizes)
+    made = made.with_pivot(tuple(-x for x in part.at)) if any(part.at) else made
+    each = map(float, made.moments)
     moments = tuple(
         value.times(x) if isinstance(value, (Grid, Varied)) else value * x for x in each
     )
     return replace(body, moments=moments, mass=value)
 
 
-def _put(whole: Any, path: Sequence[str], value: Any) -> Any:
+def _put(whole: Any, path: Sequence[str | int], value: Any) -> Any:
     """Return an effect, a distribution or a tuple with one value replaced."""
     if not path:
         return value
-    field, *rest = path
+    key, *rest = path
+    if isinstance(key, int):
+        return (*whole[:key], _put(whole[key], rest, value), *whole[key + 1 :])
+    change = {key: _put(getattr(whole, key), rest, value)}
     if isinstance(whole, VectorDistribution):
-        return replace(whole, **{field: _put(getattr(whole, field), rest, value)})
-    if hasattr(whole, "_replace"):  # an effect
-        return whole._replace(**{field: _put(getattr(whole, field), rest, value)})
-    i = int(field) - 1
-    return (*whole[:i], _put(whole[i], rest, value), *whole[i + 1 :])
+        return replace(whole, **change)
+    return whole._replace(**change)  # an effect

@@ -21,7 +21,6 @@ from rigidmc.inputs.units import (
     quantity_text,
     units_text,
 )
-from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import Effect, facts, shape
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.scene.distributions import Distribution
@@ -276,21 +275,6 @@ def angles_in_si(value: Any, at: str) -> Any:
         rule = "only Euler angles [phi, theta, psi] have a unit; a quaternion has none"
         raise SceneError(rule, at=at)
     return found
-
-
-def units_of(scene: Any, name: str) -> str:
-    """Return the SI units of a scene parameter, such as "start.omega.1" or "effects.gravity.g"."""
-    table, first, *rest = name.split(".")
-    if table == "effects":
-        effect = dict(label_effects(scene.effects))[first]
-        units: dict[str, str] = getattr(effect, "units", {})  # a custom effect may lack them
-        return units.get(rest[0], "1")
-    if table == "body":
-        return BODY.get(rest[-1] if rest else first) or BODY.get(first, "1")
-    value = getattr(scene.start, first)
-    if hasattr(value, "scaling") and rest:
-        return parameter_units(value, START[first]).get(rest[0], "1")
-    return START[first]
 
 
 def hint_of_units(units: str) -> str:

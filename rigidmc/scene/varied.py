@@ -2,6 +2,7 @@
 values of the members."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,53 +11,53 @@ from numpy.typing import ArrayLike, NDArray
 from rigidmc.errors import OptionError, RigidmcError, SceneError, nearest, unknown
 from rigidmc.inputs.arrays import floats, is_number
 from rigidmc.inputs.labelled import COLUMN, Wanted, is_labelled, two_ways
-from rigidmc.mechanics.euler_angles import ANGLES
-from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.effects import label_effects
 from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.model import Model
 from rigidmc.scene.parameters import (
-    component_of,
     parameter_names,
     refuse_part_of_solid,
     solid_by_mass,
+    unit_at,
+    value_at,
+    vector_of,
     with_parameters,
 )
 from rigidmc.scene.quantities import Grid, Varied, count_rows
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.units import in_si, units_of
+from rigidmc.scene.units import in_si
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 from rigidmc.scene.vector_distributions.vectors import whole_of
 
 Nominal = dict[str, float | list[float]]
 
 
-def variable_names(scene: Scene) -> list[str]:
+def variable_names(model: Model) -> list[str]:
     """Return the names that may be varied: all parameters, except in vector distributions,
     which have no rows, and all vectors that contain these parameters."""
-    known = [name for name in parameter_names(scene) if not name.startswith(_drawn_vectors(scene))]
-    if isinstance(scene.start.attitude, tuple):
+    known = [name for name in parameter_names(model) if not name.startswith(_drawn_vectors(model))]
+    if isinstance(model.start.attitude, tuple):
         known = [*known, "start.attitude"]
     return list(dict.fromkeys(word for name in known for word in (vector_of(name), name) if word))
 
 
-def _drawn_vectors(scene: Scene) -> tuple[str, ...]:
+def _drawn_vectors(model: Model) -> tuple[str, ...]:
     """Return the names of the vectors that a distribution of vectors draws."""
-    body, start, spin = scene.body, scene.start, scene.start.spin_name
+    body, start, spin = model.body, model.start, model.start.spin_name
     vectors = {f"body.{body.inertia_key}": body.moments, "start.attitude": start.attitude}
     vectors |= {f"start.{spin}": getattr(start, spin)}
-    drawn = [name for name, one in vectors.items() if isinstance(one, (VectorDistribution, str))]
-    for label, effect in label_effects(scene.effects):
-        fields = zip(effect._fields, effect, strict=True)
-        drawn += [f"effects.{label}.{field}" for field, one in fields if whole_of(one) is not None]
-    return tuple(drawn)
+    for label, effect in label_effects(model.effects):
+        for field, value in zip(effect._fields, effect, strict=True):
+            vectors[f"effects.{label}.{field}"] = whole_of(value)
+    return tuple(k for k, one in vectors.items() if isinstance(one, (VectorDistribution, str)))
 
 
-def _refused(scene: Scene, name: str) -> RigidmcError:
+def _refused(model: Model, name: str) -> RigidmcError:
     """Return the error for a name that may not be varied, with the reason."""
-    names, solid = variable_names(scene), solid_by_mass(scene.body)
+    names, solid = variable_names(model), solid_by_mass(model.body)
     numbers = set(names) - {*map(vector_of, names), "start.attitude"}
     inner = [one for one in numbers if name.startswith(f"{one}.")]
-    if drawn := [one for one in _drawn_vectors(scene) if f"{name}.".startswith(f"{one}.")]:
+    if drawn := [one for one in _drawn_vectors(model) if f"{name}.".startswith(f"{one}.")]:
         rule = f"one distribution of the scene draws {drawn[0]}: give numbers in its place"
     elif inner:
         rule = f"members differ by {inner[0]} itself, not by its distribution"
@@ -64,30 +65,24 @@ def _refused(scene: Scene, name: str) -> RigidmcError:
         return refuse_part_of_solid(solid, name, "varied")
     elif name.startswith("body.tensor"):
         rule = "it turns the principal axes: vary body.moments, or simulate a tensor per member"
-    elif vector_of(name) == "start.attitude" and not scene.start.has_euler_angles:
+    elif vector_of(name) == "start.attitude" and not model.start.has_euler_angles:
         rule = "it is one of the four numbers of a quaternion: vary start.attitude as a whole"
     else:
         return unknown("scene parameter", names, at="varied", value=name)
     return SceneError(f"cannot be varied: {rule}", at="varied", value=name)
 
 
-def vector_of(name: str) -> str:
-    """Return the name of the vector that contains a component; "" for a scalar."""
-    whole, _, last = name.rpartition(".")
-    return whole if last.isdecimal() or (whole == "start.attitude" and last in ANGLES) else ""
-
-
-def nominal_of(scene: Scene, names: Iterable[str]) -> Nominal:
-    """Return {name: nominal values} for planning runs with other values: the scene's own numbers,
+def nominal_of(model: Model, names: Iterable[str]) -> Nominal:
+    """Return {name: nominal values} for planning runs with other values: the model's own numbers,
     or the medians of its distributions, grids and rows.
 
-    Raises SceneError for a name that the scene lacks.
+    Raises SceneError for a name that the model lacks.
     """
     found: Nominal = {}
     for name in names:
-        if name not in variable_names(scene):
-            raise _refused(scene, name)
-        value = value_at(scene, name)
+        if name not in variable_names(model):
+            raise _refused(model, name)
+        value = value_at(model, name)
         found[name] = list(map(_middle, value)) if isinstance(value, tuple) else _middle(value)
     return found
 
@@ -101,33 +96,15 @@ def _middle(value: Any) -> float:
     return float(np.median(value))
 
 
-def value_at(scene: Scene, name: str) -> Any:
-    """Return the value of a parameter or a vector."""
-    table, *rest = name.split(".")
-    value: Any = dict(label_effects(scene.effects)) if table == "effects" else getattr(scene, table)
-    if table == "effects":
-        value = value[rest.pop(0)]
-    elif table == "body" and rest[0] in SOLIDS:
-        rest = rest[1:]  # the mass of a solid is that of its body
-    for word in rest:
-        word = component_of(scene.start, word) if table == "start" else word
-        value = value[int(word) - 1] if word.isdecimal() else getattr(value, word)
-    return value
-
-
-def put_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
-    """Return the scene with new values of parameters or vectors; SceneError for unknown names."""
-    return with_parameters(scene, values, "varied", variable_names(scene))
-
-
 def open_varied(scene: Scene) -> Scene:
     """Return the scene for planning: its varied parameters have the nominal values, marked as not
-    constant."""
+    constant; SceneError for unknown names."""
     marked = {
         name: tuple(map(Varied, value)) if isinstance(value, list) else Varied(value)
         for name, value in (scene.run.varied or {}).items()
     }
-    return put_values(scene, marked)
+    names = variable_names(scene.model)
+    return scene.with_model(with_parameters(scene.model, marked, "varied", names))
 
 
 def close_varied(scene: Scene) -> Scene:
@@ -142,7 +119,7 @@ def stored_values(scene: Scene) -> dict[str, Any] | None:
 
     None if it has only nominal values.
     """
-    values = {name: value_at(scene, name) for name in scene.run.varied or {}}
+    values = {name: value_at(scene.model, name) for name in scene.run.varied or {}}
     parts = [x for v in values.values() for x in (v if type(v) is tuple else (v,))]
     count = count_rows(*parts)
     if count is None or not all(isinstance(x, (float, np.ndarray)) for x in parts):
@@ -157,10 +134,12 @@ def stored_values(scene: Scene) -> dict[str, Any] | None:
     }
 
 
-def _in_si(scene: Scene, name: str, array: Any) -> Any:
+def _in_si(model: Model, name: str, array: Any) -> Any:
     """Return values of a parameter in SI units; OptionError for a unit of another dimension."""
+    if type(array) is np.ndarray and array.dtype.kind in "fiu":
+        return array  # at once: to list all units takes 0.1 ms
     try:
-        return in_si(array, units_of(scene, name), "values")
+        return in_si(array, unit_at(model, name), "values")
     except SceneError as error:
         rule = f"{name} {error.rule}"
         raise OptionError(rule, at="values", nearest=error.nearest) from None
@@ -180,7 +159,8 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
             raise OptionError(f"lacks {name}, which is varied", at="values")
     sizes = {name: len(v) if isinstance(v, list) else None for name, v in known.items()}
     given = {
-        name: _rows(_in_si(scene, name, value), name, sizes[name]) for name, value in values.items()
+        name: _rows(_in_si(scene.model, name, value), name, sizes[name])
+        for name, value in values.items()
     }
     count, changed = max(array.shape[0] if array.ndim else 0 for array in given.values()), {}
     for name, array in given.items():
@@ -196,7 +176,8 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
         changed[name] = columns if size is None else tuple(columns)
     run = scene.run.model_copy(update={"first": 0, "members": count})
     # `open_varied` has checked the names: to list all that a solid has takes 1 ms
-    return with_parameters(scene, changed, "varied", list(known), run=run), count
+    model = with_parameters(scene.model, changed, "varied", list(known))
+    return replace(scene, run=run, **model._asdict()), count
 
 
 def _rows(value: Any, name: str, size: int | None) -> NDArray[np.float64]:

@@ -56,7 +56,7 @@ def describe_scene(scene: Scene, threads: int, device: str = "cpu") -> str:
     if run.plan.scheme is None:
         return "\n".join([*lines, "cost         closed form at every save"])
     lines += _cost(run, threads, device)
-    lines.append(f"parameters   {', '.join(parameter_names(run.scene))}")
+    lines.append(f"parameters   {', '.join(parameter_names(run.scene.model))}")
     lines += [f"note         {note}" for note in run.notes]
     return "\n".join(lines)
 

@@ -467,7 +467,7 @@ def test_correlated_moments_have_their_covariance_and_tails_are_flagged(tmp_path
         + start
     )
     assert rm.Scene.loads(scene.dumps()).dumps() == scene.dumps()
-    assert parameter_names(scene)[:3] == [f"body.moments.mean.{i}" for i in (1, 2, 3)]
+    assert parameter_names(scene.model)[:3] == [f"body.moments.mean.{i}" for i in (1, 2, 3)]
     with pytest.warns(
         rm.SceneWarning, match=r"\[body\] moments: 347 of the first 4,096 bodies cannot exist"
     ):

@@ -76,7 +76,8 @@ def test_a_derivative_changes_no_bit_of_exact_steps():
 
 def test_all_cases_differentiate_by_parameters_that_exist():
     for case in cases():
-        assert len(parameters_of_run(with_derivatives(case))) == 3, case.name
+        case_scene = with_derivatives(case)
+        assert len(parameters_of_run(case_scene.model, case_scene.run.wrt)) == 3, case.name
 
 
 @pytest.mark.slow

@@ -18,12 +18,8 @@ import rigidmc as rm
 from rigidmc.errors import SceneError
 from rigidmc.planning.initial import block_rows, initial_block
 from rigidmc.planning.units import scale_scene
-from rigidmc.scene.derivative_names import (
-    parameter_names_of_derivatives,
-    parameters_of,
-    seeds_of,
-)
-from rigidmc.scene.parameters import parameter_names, with_parameter
+from rigidmc.scene.derivatives import parameter_names_of_derivatives, seeds_of
+from rigidmc.scene.parameters import parameter_names, parameters_of, with_parameter
 from rigidmc.views.live.sliders import make_sliders
 from tests.planning.test_tangents import rows_of, tangents
 
@@ -179,7 +175,7 @@ def of_moments(table, i, by):
 def check(tmp_path, table):
     """The number of parameters of a body, and the worst relative figure of their derivatives."""
     scene, given = load(tmp_path, table), stated_table(tmp_path, table)
-    names = [n for n in parameter_names_of_derivatives(scene) if n.startswith("body.")]
+    names = [n for n in parameter_names_of_derivatives(scene.model) if n.startswith("body.")]
     assert names
     found, worst = tangents(scene, names, 1), 0.0
     for name, tangent in zip(names, found, strict=True):
@@ -223,7 +219,7 @@ NUMBERS = ("body.moments.2", "body.mass", "body.centre.3")
 def test_a_map_makes_the_body_of_the_scene_with_this_number(name, tmp_path):
     table = BODIES[name]
     scene = load(tmp_path, table)
-    for number in parameter_names(scene):
+    for number in parameter_names(scene.model):
         if number not in NUMBERS or ("moments" in number and "tensor" in table):
             continue
         other = copy.deepcopy(table)
@@ -305,7 +301,7 @@ def ends(tmp_path, name, settings=()):
 def test_derivatives_of_runs_are_those_of_set(name, tmp_path):
     scene, run = ends(tmp_path, name)
     names = ("body.mass", "body.centre.1", "body.centre.2", "body.centre.3")
-    if "turns the principal axes" in str(parameters_of(scene.model).get(names[1], list)()):
+    if "turns the principal axes" in str(parameters_of(scene.model)[names[1]].seeds()):
         names = names[:1]
     ds = rm.simulate(scene, wrt=names, **run)
     found = ds.d_omega.isel(time=-1, member=0).transpose("parameter", "axis").values

@@ -17,11 +17,8 @@ from rigidmc.physics.dynamics.dual_arrays import zeros
 from rigidmc.planning.initial import block_rows, initial_block, rows_to_fill
 from rigidmc.planning.tangents import build_with_tangents, tangents_at_start, tangents_of_members
 from rigidmc.planning.units import scale_scene, unit_factor
-from rigidmc.scene.derivative_names import (
-    check_derivative_names,
-    derivative_unit,
-    parameter_names_of_derivatives,
-)
+from rigidmc.scene.derivatives import parameter_names_of_derivatives, seeds_of
+from rigidmc.scene.parameters import unit_at
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 MEMBERS = 5
@@ -380,7 +377,7 @@ def test_derivatives_are_those_of_differences(name):
     case = CASES[name]
     scene = case.make(case.given)
     names = list(case.given)
-    assert set(names) <= set(parameter_names_of_derivatives(scene))
+    assert set(names) <= set(parameter_names_of_derivatives(scene.model))
     found, size = tangents(scene, names), np.abs(rows_of(scene)).max(1)
     for parameter, one in zip(names, found, strict=True):
         true = differences(case.make, case.given, parameter)
@@ -396,7 +393,7 @@ def test_values_keep_their_bits(name):
     scene = CASES[name].make(CASES[name].given)
     rows = block_rows(scene.effects, False)
     plain, start = initial_block(scene.model, 7, 3, MEMBERS, True, rows)
-    names = parameter_names_of_derivatives(scene)
+    names = parameter_names_of_derivatives(scene.model)
     block = zeros((rows, MEMBERS), len(names))
     others = build_with_tangents(block, scene.model, 7, 3, True, names)
     assert np.array_equal(block.value.view(np.uint64), plain.view(np.uint64))
@@ -415,14 +412,14 @@ def test_tangents_change_with_the_units_as_parameters_and_rows_do(name):
     scene = CASES[name].make(CASES[name].given)
     factors = {"mass": 0.5, "length": 2.0**10, "time": 2.0**-3}
     scaled = scale_scene(scene, **factors)
-    names = parameter_names_of_derivatives(scene)
-    assert parameter_names_of_derivatives(scaled) == names
+    names = parameter_names_of_derivatives(scene.model)
+    assert parameter_names_of_derivatives(scaled.model) == names
     momentum, body = slice(layout.MOMENTUM, layout.EXTRA), slice(layout.BODY, layout.BODY + 6)
     units = ((slice(0, 4), "1"), (momentum, "kg m2 s-1"), (body, "kg-1 m-2"))
     for parameter, here, there in zip(
         names, tangents(scene, names), tangents(scaled, names), strict=True
     ):
-        by = 1.0 / unit_factor(derivative_unit(scene, parameter), **factors)
+        by = 1.0 / unit_factor(unit_at(scene.model, parameter), **factors)
         for rows, unit in units:
             known = here[rows] * unit_factor(unit, **factors) * by
             # measured 3e-12, of the small change of an uncertain tensor by its mass
@@ -431,7 +428,7 @@ def test_tangents_change_with_the_units_as_parameters_and_rows_do(name):
 
 def test_tangents_fill_a_given_array():
     scene = CASES["drawn"].make(CASES["drawn"].given)
-    names = parameter_names_of_derivatives(scene)
+    names = parameter_names_of_derivatives(scene.model)
     rows, known = block_rows(scene.effects, False), tangents(scene, names)
     given = np.full_like(known, 7.0)
     found = tangents_at_start(scene.model, 7, 0, MEMBERS, True, rows, names, out=given)
@@ -445,7 +442,7 @@ def test_tangents_fill_a_given_array():
 @pytest.mark.parametrize("name", ["drawn", "uncertain tensor", "gibbs"])
 def test_a_member_has_the_same_tangents_in_any_block(name):
     scene = CASES[name].make(CASES[name].given)
-    names = parameter_names_of_derivatives(scene)
+    names = parameter_names_of_derivatives(scene.model)
     whole = tangents(scene, names, 7)
     for first in (2, 5):
         part = tangents(scene, names, 7 - first, first)
@@ -513,7 +510,7 @@ def test_equal_moments_are_refused_where_the_axes_jump():
     scene = rm.Scene(rm.Body.from_tensor(EQUAL), start=rm.Start(omega=(0.1, 0.2, 1.0)))
     for name in ("body.tensor.2.3", "body.tensor.1.3"):
         with pytest.raises(SceneError, match="equal moments"):
-            check_derivative_names(scene, [name])
+            seeds_of(scene.model, [name])
     named = dict(zip(("1.1", "1.2", "3.3"), range(3), strict=True))
     found = tangents(scene, [f"body.tensor.{key}" for key in named])
     known = Numbers({"a.1.1": 2.0, "a.1.2": 0.2, "a.2.2": 2.3, "a.3.3": 2.4})
@@ -560,11 +557,11 @@ def refusals():
 def test_what_has_no_derivative_is_refused_by_name():
     for scene, name, words in refusals():
         with pytest.raises(SceneError) as caught:
-            check_derivative_names(scene, [name])
+            seeds_of(scene.model, [name])
         assert words in str(caught.value), name
         assert name in str(caught.value) and "wrt" in str(caught.value), name
     with pytest.raises(SceneError, match="twice"):
-        check_derivative_names(plain_scene(omega=(0.0, 0.0, 1.0)), ["body.mass", "body.mass"])
+        seeds_of(plain_scene(omega=(0.0, 0.0, 1.0)).model, ["body.mass", "body.mass"])
 
 
 def test_an_ensemble_has_derivatives_by_what_no_attitude_depends_on():
@@ -612,4 +609,4 @@ def test_units_of_parameters():
     }  # fmt: skip
     for name, known in units.items():
         for parameter, unit in known.items():
-            assert derivative_unit(scenes[name], parameter) == unit, parameter
+            assert unit_at(scenes[name].model, parameter) == unit, parameter

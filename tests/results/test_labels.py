@@ -25,7 +25,7 @@ from rigidmc.results.labels import (
     with_degrees,
     with_units,
 )
-from rigidmc.scene.derivative_names import parameter_names_of_derivatives
+from rigidmc.scene.derivatives import parameter_names_of_derivatives
 from rigidmc.scene.library import shipped_names
 from rigidmc.scene.parameters import parameter_names
 
@@ -114,7 +114,7 @@ def test_no_parameter_is_a_raw_name_in_pictures():
     names = {
         name
         for scene in map(rm.Scene.load, shipped_names())
-        for name in (*parameter_names(scene), *parameter_names_of_derivatives(scene))
+        for name in (*parameter_names(scene.model), *parameter_names_of_derivatives(scene.model))
     }
     found = {name: in_symbols(name) for name in names}
     assert len(found) > 80 and not [one for one in found.values() if re.search(r"[._]", one)]

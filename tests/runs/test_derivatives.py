@@ -256,14 +256,14 @@ def test_derivatives_require_compiled_code(monkeypatch):
 
 
 def test_a_vector_stands_for_its_components():
-    names = parameters_of_run(SCENE.with_run(wrt="start.omega.2,start.omega,body.moments"))
+    names = parameters_of_run(SCENE.model, ("start.omega.2", "start.omega", "body.moments"))
     omega = ["start.omega.2", "start.omega.1", "start.omega.3"]
     assert names == (*omega, *(f"body.moments.{i}" for i in (1, 2, 3)))
     euler = rm.Scene(SCENE.body, start=rm.Start(omega=(1.0, 0.0, 0.0), attitude=(0.1, 0.2, 0.3)))
-    assert parameters_of_run(euler.with_run(wrt=("start.attitude",))) == tuple(
+    assert parameters_of_run(euler.model, ("start.attitude",)) == tuple(
         f"start.attitude.{name}" for name in ("phi", "theta", "psi")
     )
-    assert parameters_of_run(SCENE) == ()
+    assert parameters_of_run(SCENE.model, None) == ()
 
 
 def test_units_divide():

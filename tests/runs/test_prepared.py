@@ -199,7 +199,7 @@ def drawn(kind, seed):
     """(scene, numbers of what is varied, names) of a random scene."""
     chance = np.random.default_rng([seed, 17])
     scene = random_scenes.scene(kind, seed, members=ROWS)
-    able = [name for name in variable_names(scene) if not name.startswith("body.c")]
+    able = [name for name in variable_names(scene.model) if not name.startswith("body.c")]
     names = list(dict.fromkeys(chance.choice(able, 2)))
     names = [name for name in names if not any(n != name and name.startswith(n) for n in names)]
     return scene, names, chance

@@ -546,7 +546,7 @@ def test_a_vector_of_an_effect_may_be_correlated():
     assert uncertain_numbers(scene.model)[0] == ["effects.rotor.momentum"]
     moved = scale_scene(scene, 2.0, 3.0, 5.0).effects[0].momentum  # kg m2/s times 2 9/5
     assert moved[0].whole.covariance[1][1] == pytest.approx(2e-2 * 3.6**2, rel=1e-15)
-    assert all("rotor.momentum" not in name for name in parameter_names(scene))
+    assert all("rotor.momentum" not in name for name in parameter_names(scene.model))
     for wrong in (rm.Gravity(wheel.momentum), rm.Rotor(rm.Cone(1, 1.0, 0.1))):
         with pytest.raises(SceneError, match=r"[Cc]orrelated"):
             rm.Scene(rm.Body.from_moments((1, 2, 2.5)), (wrong,), rm.Start(omega=(0.1, 1.0, 0.2)))

@@ -16,8 +16,8 @@ from rigidmc.errors import OptionError, SceneError
 from rigidmc.inputs.units import KNOWN, Measured, converter, quantity_text, unit_of, units_text
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import effect, facts
-from rigidmc.scene.parameters import parameter_names
-from rigidmc.scene.units import squared, units_of
+from rigidmc.scene.parameters import parameter_names, unit_at
+from rigidmc.scene.units import squared
 from rigidmc.scene.varied import with_values
 from tests.tools.random_scenes import kinds, scene
 
@@ -561,7 +561,7 @@ def test_values_of_varied_parameters():
     with pytest.raises(OptionError, match=r"start\.omega is in rad/s, .*does not convert"):
         with_values(whole, {"start.omega": registry.Quantity(np.ones((2, 3)), "mm")})
     cone = rm.Scene(whole.body, start=rm.Start(momentum=rm.Cone(3, 1.0, 0.1)))
-    found = {name: units_of(cone, name) for name in parameter_names(cone)}
+    found = {name: unit_at(cone.model, name) for name in parameter_names(cone.model)}
     assert found["start.momentum.angle"] == "rad" and found["start.momentum.size"] == "kg m2 s-1"
 
 

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 import rigidmc as rm
 from rigidmc.mechanics.euler_angles import SEQUENCES, angle_names
 from rigidmc.mechanics.rotation import attitude_error
-from rigidmc.scene.parameters import parameter_names, with_parameter
-from rigidmc.scene.varied import nominal_of, value_at
+from rigidmc.scene.parameters import parameter_names, value_at, with_parameter
+from rigidmc.scene.varied import nominal_of
 from tests.tools.commands import invoke
 
 BODY = rm.Body((1.0, 2.0, 2.5))
@@ -142,7 +142,7 @@ def test_set_reaches_into_a_table(tmp_path):
 def test_parameters_have_the_names_of_the_angles(sequence):
     table = f'{{ euler = "{sequence}", angles = [0.1, 0.2, 0.3] }}'
     scene, names = loaded(table), angle_names(sequence)
-    known = [name for name in parameter_names(scene) if name.startswith("start.attitude")]
+    known = [name for name in parameter_names(scene.model) if name.startswith("start.attitude")]
     assert known == [f"start.attitude.{name}" for name in names]
     for place, name in enumerate(known):
         changed = with_parameter(scene, name, 0.7)
@@ -150,8 +150,8 @@ def test_parameters_have_the_names_of_the_angles(sequence):
         expected[place] = 0.7
         assert changed.start.attitude == tuple(expected)
         assert changed.start.sequence == sequence
-        assert value_at(changed, name) == 0.7
-    assert nominal_of(scene, ["start.attitude"]) == {"start.attitude": [0.1, 0.2, 0.3]}
+        assert value_at(changed.model, name) == 0.7
+    assert nominal_of(scene.model, ["start.attitude"]) == {"start.attitude": [0.1, 0.2, 0.3]}
     if sequence == "321":
         with pytest.raises(rm.SceneError, match="yaw"):
             with_parameter(scene, "start.attitude.yav", 0.7)

@@ -245,7 +245,7 @@ def test_names_of_parameters():
         (rm.Gravity(9.81), rm.Spring(1.0, (0, 0, 1), (0, 0, 1))),
         rm.Start(omega=rm.Cone(2, 1.0, 0.1), attitude=(0.0, 1.0, 0.0)),
     )
-    for i, name in enumerate(parameter_names(scene)):
+    for i, name in enumerate(parameter_names(scene.model)):
         changed = with_parameter(scene, name, 1.5 + 0.001 * i)
         flat = [x for q in (changed.model.quantities(),) for x in q if isinstance(x, float)]
         assert flat.count(1.5 + 0.001 * i) == 1, name

@@ -94,14 +94,14 @@ def test_a_page_has_the_bits_of_the_processor(browser, tmp_path):
     }
     for name, value in values.items():
         page.evaluate(f"SLIDERS.find(s => s.name === '{name}').set({value})")
-    assert moved(page, STEPS) == tuple(computed(with_parameters(TOP, values)))
+    assert moved(page, STEPS) == tuple(computed(TOP.with_model(with_parameters(TOP.model, values))))
     saved = rm.Scene.loads(page.evaluate("savedScene().text"))
     assert moved(page, STEPS) == tuple(computed(saved))
     # a number with a distribution: the slider has the first member's, which is drawn
     first = page.evaluate("SLIDERS[2].value")
     assert first == live_run(TOP, 1).start["start_omega"][2, 0] and first != 12.0
     page.evaluate("SLIDERS[2].set(13.0)")
-    top = with_parameters(TOP, values | {"start.omega.3": 13.0})
+    top = TOP.with_model(with_parameters(TOP.model, values | {"start.omega.3": 13.0}))
     assert moved(page, STEPS) == tuple(computed(top))
     saved = rm.Scene.loads(page.evaluate("savedScene().text"))
     assert saved.start.omega[2].parameters == (25.0 - first, 0.5)

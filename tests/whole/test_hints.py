@@ -12,7 +12,7 @@ from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import KNOWN, OBSERVABLES, OUTCOMES, WATCHED, saveable_names
-from rigidmc.scene.derivative_names import parameter_names_of_derivatives
+from rigidmc.scene.derivatives import parameter_names_of_derivatives
 from rigidmc.scene.library import shipped_names
 from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.settings import Run
@@ -193,7 +193,7 @@ def test_the_end_of_every_path_of_a_parameter_gets_the_path():
     pairs = 0
     for scene in map(rm.Scene.load, shipped_names()):
         for known in (parameter_names_of_derivatives, parameter_names, variable_names):
-            names = known(scene)
+            names = known(scene.model)
             for tail in tails(names):
                 assert f".{nearest(tail, names)}".endswith(f".{tail}"), tail
                 pairs += 1

@@ -4,9 +4,8 @@ from typing import Any
 
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.inputs.units import as_measured, in_units, quantity_text
-from rigidmc.scene.parameters import parameter_names
+from rigidmc.scene.parameters import parameter_names, unit_at
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.units import units_of
 from rigidmc.studies.framework.options import Option
 
 Side = tuple[str, float, float] | tuple[str, float, float, bool]  # parameter, low, high[, log]
@@ -47,9 +46,9 @@ def whole_side(key: str, side: Side, scene: Scene | None) -> Whole:
         example = 'such as ("body.moments.1", 0.1, 0.9)'
         raise OptionError(f"{rule}, {example}", at=key, value=side)
     name, low, high, *log = side
-    if scene is not None and name in parameter_names(scene):
+    if scene is not None and name in parameter_names(scene.model):
         try:
-            low, high = (in_units(end, units_of(scene, name), key) for end in (low, high))
+            low, high = (in_units(end, unit_at(scene.model, name), key) for end in (low, high))
         except SceneError as error:
             raise OptionError(
                 error.rule, at=key, value=error.value, nearest=error.nearest

@@ -27,8 +27,8 @@ from rigidmc.physics.effects.protocol import depends_on_momentum, is_random
 from rigidmc.physics.observables import NoiseScore
 from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.scene.distributions import Distribution, Mixture, Truncated
+from rigidmc.scene.parameters import value_at
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.varied import value_at
 from rigidmc.scene.vector_distributions.ensembles import GibbsMomentum
 from rigidmc.scene.vector_distributions.vectors import Correlated, CorrelatedPart
 
@@ -52,7 +52,7 @@ def scores_of_scene(scene: Scene) -> dict[str, tuple[tuple[str, ...], Score | Re
     for name in uncertain_numbers(model)[0]:
         if name.startswith("body.tensor"):
             continue  # drawn as a matrix
-        value = value_at(scene, name)
+        value = value_at(scene.model, name)
         if isinstance(value, Correlated):
             parts = tuple(f"{name}.{i}" for i in (1, 2, 3))
             for i in range(3):

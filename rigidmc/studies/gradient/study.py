@@ -58,12 +58,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import OptionError, SceneError, unknown
+from rigidmc.errors import OptionError, unknown
 from rigidmc.physics.observables import saved_observables
 from rigidmc.results.labels import count_text
 from rigidmc.results.variables import saved_variables, variables_of
-from rigidmc.scene.derivative_names import derivative_unit
 from rigidmc.scene.derivatives import derivative_name, parameters_of_run, quotient
+from rigidmc.scene.parameters import units_at
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.sampling import is_sample
 from rigidmc.scene.scene import Scene
@@ -167,7 +167,7 @@ def expanded(scene: Scene, names: Sequence[str]) -> tuple[str, ...]:
     for name in names:
         single: tuple[str, ...] = (name,)
         if name not in scores:
-            single = parameters_of_run(scene.with_run(wrt=(name,)))
+            single = parameters_of_run(scene.model, (name,))
         found |= dict.fromkeys(single)
     return tuple(found)
 
@@ -343,7 +343,7 @@ def _labelled(
     coordinates = {
         "measure": [one.measure.text for one in asked],
         "parameter": list(names),
-        "parameter_unit": ("parameter", [_unit(scene, name) for name in names]),
+        "parameter_unit": ("parameter", list(units_at(scene.model, names))),
     }
     attrs = {
         "title": scene.title,
@@ -353,16 +353,6 @@ def _labelled(
         "scene": scene.dumps(),
     }
     return xr.Dataset(variables, coordinates, attrs)
-
-
-def _unit(scene: Scene, name: str) -> str:
-    """Return the unit of a parameter; weights of mixtures have none."""
-    if name.endswith(".weight"):
-        return "1"
-    try:
-        return derivative_unit(scene, name)
-    except (KeyError, SceneError):
-        return "1"
 
 
 def table(study: xr.Dataset) -> list[str]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from rigidmc.errors import OptionError, nearest
-from rigidmc.scene.derivative_names import parameter_names_of_derivatives
+from rigidmc.scene.derivatives import parameter_names_of_derivatives
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.measures import Measure, Variables, measure
@@ -42,7 +42,7 @@ def ways(
     scene: Scene, asked: Sequence[Asked], names: Sequence[str], method: str
 ) -> list[list[str]]:
     """Return the estimator of each measure by each parameter; OptionError where there is none."""
-    able = set(parameter_names_of_derivatives(scene))
+    able = set(parameter_names_of_derivatives(scene.model))
     return [[_way(scene, one, name, method, able) for name in names] for one in asked]
 
 

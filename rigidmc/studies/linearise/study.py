@@ -59,9 +59,8 @@ from rigidmc.physics.dynamics.so3 import conjugate, into_body, multiply
 from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.processes.progress import say
 from rigidmc.results.labels import column_head, count_text, value_text
-from rigidmc.scene.parameters import with_parameter
+from rigidmc.scene.parameters import unit_at, with_parameter
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.units import units_of
 from rigidmc.studies.framework.direct import Direct
 from rigidmc.studies.framework.members import refuse_noise
 from rigidmc.studies.framework.options import Example, Options, option
@@ -165,7 +164,7 @@ def _along(
     flat = [motion for branch in branches for motion in branch.motions]
     sizes: dict[str, Any] = {"branch": range(len(branches)), "value": values}
     dataset = _dataset(scene, sizes, flat)
-    units = units_of(scene, name)
+    units = unit_at(scene.model, name)
     dataset["value"] = dataset.value.assign_attrs(long_name=name, units=units)
     variables = _bifurcations(found, units, len(branches))
     return dataset.assign(variables).assign_attrs(along=name)

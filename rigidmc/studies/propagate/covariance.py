@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.scene.distributions import Distribution, Mixture, Truncated
+from rigidmc.scene.parameters import value_at
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.varied import value_at
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 from rigidmc.scene.vector_distributions.vectors import Correlated, CorrelatedPart, whole_of
 
@@ -54,7 +54,7 @@ def at_means(scene: Scene) -> Scene:
     names, _ = uncertain_numbers(scene.model)
     for name in names:
         matrix = name.startswith("body.tensor")
-        if matrix or isinstance(value_at(scene, name), (VectorDistribution, str)):
+        if matrix or isinstance(value_at(scene.model, name), (VectorDistribution, str)):
             rule = (
                 "draws a vector, a matrix or an attitude without a mean to propagate: give numbers,"
                 " and their covariance with `covariance` and `wrt`"
@@ -86,7 +86,7 @@ def of_distributions(scene: Scene) -> tuple[list[str], Array]:
     names: list[str] = []
     blocks: list[Array] = []
     for name in uncertain_numbers(scene.model)[0]:
-        value = value_at(scene, name)
+        value = value_at(scene.model, name)
         whole = value if isinstance(value, Correlated) else whole_of(value)
         if whole is not None:
             names += [f"{name}.{i}" for i in (1, 2, 3)]

@@ -60,10 +60,9 @@ from rigidmc.processes.progress import reporter
 from rigidmc.results.labels import count_text, with_units
 from rigidmc.runs.prepare import prepare, prepare_scene
 from rigidmc.runs.simulate import simulate
-from rigidmc.scene.derivative_names import END, derivative_unit
 from rigidmc.scene.derivatives import derivative_name, parameters_of_run
+from rigidmc.scene.parameters import END, units_at, value_at
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.varied import value_at
 from rigidmc.statistics.estimates import rows_in_time
 from rigidmc.statistics.intervals import ULPS, resolution_of
 from rigidmc.studies.framework.direct import Direct
@@ -169,7 +168,7 @@ def input_of(scene: Scene, options: PropagateOptions) -> Input:
 
 def _known(nominal: Scene, names: list[str]) -> tuple[str, ...]:
     """Return the parameters, vectors by component; SceneError for one without a derivative."""
-    return parameters_of_run(nominal.with_run(wrt=tuple(names)))
+    return parameters_of_run(nominal.model, names)
 
 
 def ensemble_of(given: Input, members: int, threads: int | None) -> "Iterator[tuple[Array, Any]]":
@@ -194,7 +193,7 @@ def ensemble_of(given: Input, members: int, threads: int | None) -> "Iterator[tu
 
 
 def _number(scene: Scene, name: str) -> float:
-    return float(value_at(scene, name))
+    return float(value_at(scene.model, name))
 
 
 def rows_of(result: xr.Dataset, names: tuple[str, ...]) -> tuple[list[str], list[str]]:
@@ -340,7 +339,7 @@ def _dataset(
         "unit": ("row", units),
         "parameter": list(given.names),
         "other": list(given.names),
-        "parameter_unit": ("parameter", [derivative_unit(given.nominal, n) for n in given.names]),
+        "parameter_unit": ("parameter", list(units_at(given.nominal.model, given.names))),
         "sample_time": ("sample_time", one.time.values[at], one.time.attrs),
     }
     variables = {key: (dims, x, {"long_name": text}) for key, (dims, x, text) in texts.items()}

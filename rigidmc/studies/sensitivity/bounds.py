@@ -21,12 +21,11 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError
 from rigidmc.planning.initial import uncertain_numbers
-from rigidmc.scene.derivative_names import parameter_names_of_derivatives
-from rigidmc.scene.derivatives import derivative_name
+from rigidmc.scene.derivatives import derivative_name, parameter_names_of_derivatives
 from rigidmc.scene.distributions import Distribution, Truncated
+from rigidmc.scene.parameters import value_at
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.varied import value_at
 from rigidmc.statistics.measures import Measure
 
 Array = NDArray[np.float64]
@@ -35,9 +34,9 @@ Array = NDArray[np.float64]
 def constants(scene: Scene) -> dict[str, float]:
     """Return {uncertain parameter: Poincare constant of its distribution}, for those by which
     members have derivatives and whose constant is known."""
-    able = set(parameter_names_of_derivatives(scene))
+    able = set(parameter_names_of_derivatives(scene.model))
     names = [name for name in uncertain_numbers(scene.model)[0] if name in able]
-    found = {name: poincare_constant(value_at(scene, name)) for name in names}
+    found = {name: poincare_constant(value_at(scene.model, name)) for name in names}
     return {name: value for name, value in found.items() if value == value}
 
 

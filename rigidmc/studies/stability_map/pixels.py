@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.physics.observables.saving import CENSORED, FOLLOWED
 from rigidmc.results.variables import Variable
+from rigidmc.scene.parameters import unit_at
 from rigidmc.scene.sampling import is_sample
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.units import units_of
 from rigidmc.statistics.measures import Measure
 from rigidmc.studies.stability_map.question import MapRequest
 from rigidmc.version import VERSION
@@ -159,6 +159,6 @@ def _coordinates(request: MapRequest, scene: Scene) -> dict[str, Any]:
     found = {}
     for key, grid in request.grids().items():
         name, *_, log = request.sides[key]
-        attrs = {"long_name": name, "units": units_of(scene, name), "log": int(log)}
+        attrs = {"long_name": name, "units": unit_at(scene.model, name), "log": int(log)}
         found[key] = ((key,), grid.values(), attrs)
     return found

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.euler_angles import TEXTBOOK
-from rigidmc.physics.effects import label_effects, name_of
+from rigidmc.physics.effects import name_of
 from rigidmc.physics.integrators.protocol import follows_turns
 from rigidmc.planning.initial import block_rows, initial_block
 from rigidmc.scene.body import Body
 from rigidmc.scene.distributions import Distribution
-from rigidmc.scene.parameters import component_of, with_parameter
+from rigidmc.scene.parameters import path_of, with_parameters
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.toml.values import as_toml
@@ -72,18 +72,14 @@ def _in_a_line(rows: re.Match[str]) -> str:
 
 def _path(scene: Scene, name: str) -> tuple[Any, ...]:
     """Return the keys and indices of a number in the tables of a scene file."""
-    table, first, *rest = name.split(".")
-    if table == "start":
-        rest = [component_of(scene.start, word) for word in rest]
-        if first == "attitude" and scene.start.sequence != TEXTBOOK:
-            rest = ["angles", *rest]
-    path: list[Any] = [int(part) - 1 if part.isdigit() else part for part in rest]
+    table, first, *rest = path_of(scene.model, name)
+    if first == "attitude" and scene.start.sequence != TEXTBOOK:
+        rest = ["angles", *rest]
     if table != "effects":
-        return (table, first, *path)
-    labels = label_effects(scene.effects)
-    word = next(name_of(effect) for label, effect in labels if label == first)
-    same = [label for label, effect in labels if name_of(effect) == word]
-    return (table, word, *([same.index(first)] if len(same) > 1 else []), *path)
+        return (table, first, *rest)
+    word = name_of(scene.effects[int(first)])
+    same = [i for i, effect in enumerate(scene.effects) if name_of(effect) == word]
+    return (table, word, *([same.index(int(first))] if len(same) > 1 else []), *rest)
 
 
 def locations(source: Any) -> list[tuple[str, Any]]:
@@ -127,10 +123,11 @@ def saving_data(live: LiveRun, slider: Slider) -> dict[str, Any]:
 
 def _spread(live: LiveRun, slider: Slider) -> NDArray[np.float64] | None:
     try:
-        scene = with_parameter(live.run.scene, slider.name, _from_zero(slider.source))
+        values = {slider.name: _from_zero(slider.source)}
+        model = with_parameters(live.run.scene.model, values)
     except SceneError:  # the number has no name of its own in this scene
         return None
     first, count = live.run.plan.first, live.block.shape[1]
-    rows = block_rows(scene.effects, False)
-    _, start = initial_block(scene.model, live.run.sampler, first, count, True, rows)
+    rows = block_rows(model.effects, False)
+    _, start = initial_block(model, live.run.sampler, first, count, True, rows)
     return slider.numbers(start)

@@ -14,10 +14,12 @@ from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import facts, shape, user_parameters
 from rigidmc.planning.orbit_start import relative_to_orbit
+from rigidmc.results.labels import units_text
+from rigidmc.scene.parameters import parameters_of, unit_at
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.stated import Stated, refused_numbers
-from rigidmc.scene.units import hint_of_units, in_si, units_of
+from rigidmc.scene.units import hint_of_units, in_si
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 Floats = NDArray[np.float64]
@@ -93,7 +95,7 @@ def make_sliders(
 
 def _end(scene: Scene, name: str, end: float | str) -> float:
     """Return the end of a slider in SI units; OptionError."""
-    at, units = f"slider.{name}", units_of(scene, name)
+    at, units = f"slider.{name}", unit_at(scene.model, name)
     try:
         return float(in_si(end, units, at))
     except SceneError as error:
@@ -155,12 +157,13 @@ def _refusals(scene: Scene) -> dict[str, str]:
 def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
     """Return all sliders that a scene can have."""
     model, refused, made = scene.model, _refusals(scene), list[Slider]()
+    known = parameters_of(model)
     word = model.start.spin_name
     spin = float(np.abs(start[f"start_{word}"]).max())
 
     def add(name: str, label: str, kind: str, place: int, at: tuple[str, int], source: Any) -> None:
         values = np.atleast_2d(start[at[0]])[at[1]]
-        own, unit, by = bool((values == values[0]).all()), _units(scene, name), 1.0
+        own, unit, by = bool((values == values[0]).all()), units_text(known[name].unit), 1.0
         if unit == "rad":
             unit, by = "°", 180.0 / math.pi
         given = float(values[0])
@@ -209,12 +212,6 @@ def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
 def _of_vector(vector: Any, k: int) -> Any:
     """Return component k of a vector of numbers, or the distribution of the whole vector."""
     return vector[k] if isinstance(vector, tuple) else vector
-
-
-def _units(scene: Scene, name: str) -> str:
-    """Return the units of a number of a scene."""
-    unit = units_of(scene, name)
-    return {"1": "", "kg m2": "kg m²", "rad s-1": "rad/s", "m s-2": "m/s²"}.get(unit, unit)
 
 
 def _ends(kind: str, given: float, values: Floats, spin: float) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""The parameters of a body by which a model can be differentiated, and how each changes it.
+"""The parameters of a body, and how each changes it.
 
 A size of a solid changes its tensor about the fixed point, an element of a tensor changes it alone;
 `rigidmc.mechanics.axes_rates` has the rates of moments and axes. The fixed point, its
@@ -6,7 +6,8 @@ distance from the origin of a solid, and the axes of the scene stay.
 """
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,28 +18,31 @@ from rigidmc.mechanics.inertia import about_point
 from rigidmc.mechanics.solids import COMPONENTS, SOLIDS
 from rigidmc.physics.dynamics.dual_arrays import DualArray, as_array, plain
 from rigidmc.scene.body import IDENTITY, Body
+from rigidmc.scene.parameter import (
+    Parameter,
+    Parameters,
+    Path,
+    Refusal,
+    Seed,
+    Seeds,
+    by_name,
+    of_quantities,
+    of_quantity,
+    of_vector,
+    one_seed,
+    refused,
+    symmetric_parameters,
+)
 from rigidmc.scene.quantities import Rate, is_shared
 from rigidmc.scene.reparametrise import own_number, rates_of
 from rigidmc.scene.shape import UPRIGHT, ShapePart
 from rigidmc.scene.stated import MESH, Stated, refused_numbers
+from rigidmc.scene.units import BODY, size_units
 from rigidmc.scene.vector_distributions import TensorRows
-from rigidmc.scene.vector_distributions.bodies import TensorDistribution, UncertainInertia
+from rigidmc.scene.vector_distributions.bodies import ELEMENTS, TensorDistribution, UncertainInertia
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
-Path = tuple[str | int, ...]  # of fields and indices, from a Model
-
-
-class Seed(NamedTuple):
-    """A quantity of a model that depends on a parameter, and the derivative of its numbers."""
-
-    path: Path
-    rate: Rate
-
-
 Array = NDArray[np.float64]
-Refusal = str  # why there is no derivative, to follow "it"
-Given = Callable[[], list[Seed] | Refusal] | Refusal
-
 # as in the columns of TensorRows: xx, yy, zz, yz, zx, xy
 TENSOR_ELEMENTS = [
     (f"body.tensor.{i + 1}.{j + 1}", (i, j))
@@ -62,69 +66,58 @@ _SCENE_AXES = (
 )
 
 
-def constant(derivative: float) -> Rate:
-    """Return the Rate of numbers with the same derivative for all members."""
-    return lambda drawn: np.full_like(drawn.values, derivative)
-
-
-def relative(derivative: float) -> Rate:
-    """Return the Rate of numbers whose derivatives are in proportion to the numbers."""
-    return lambda drawn: derivative * drawn.values
-
-
-def of_quantity(name: str, path: Path, quantity: Any) -> dict[str, Given]:
-    """Return the parameters of a quantity: the member's own number, and each parameter of its
-    distribution."""
-    known: dict[str, Given] = {name: one_seed(path, own_number)}
-    for word, rate in rates_of(quantity).items():
-        known[f"{name}.{word}"] = rate if isinstance(rate, str) else one_seed(path, rate)
-    return known
-
-
-def one_seed(path: Path, rate: Rate) -> Callable[[], list[Seed]]:
-    """Return a function that returns one Seed."""
-    return lambda: [Seed(path, rate)]
-
-
-def body_parameters(body: Body) -> dict[str, Given]:
-    """Return {name: function that returns the Seeds of a parameter of a body, or the reason why it
-    has no derivative}.
+def body_parameters(body: Body) -> Parameters:
+    """Return the parameters of a body by name.
 
     A solid has mass (or density) and sizes; other bodies have moments or a tensor, mass and centre.
     """
     if isinstance(body.stated, Stated):
-        return _of_stated(body, body.stated)
+        return by_name(_of_stated(body, body.stated))
+    numbers = by_name(_of_numbers(body))
     if (solid := solid_of(body)) is not None:
-        return solid.parameters()
-    known: dict[str, Given] = {}
-    if isinstance(body.moments, TensorDistribution):
-        known |= _of_tensors(body.moments)
-    elif not isinstance(body.moments, VectorDistribution):
-        for i in range(3):
-            path = ("body", "moments", i)
-            known |= of_quantity(f"body.moments.{i + 1}", path, body.moments[i])
-        if is_shared(body.moments):
-            known |= _of_one_tensor(body)
-    known |= of_quantity("body.mass", ("body", "mass"), body.mass)
-    for i in range(3):
-        known |= of_quantity(f"body.centre.{i + 1}", ("body", "centre", i), body.centre[i])
+        sizes, may_move = by_name(solid.parameters()), not solid.is_by_mass
+        return sizes | {
+            name: one._replace(seeds=None, is_settable=one.is_settable and may_move)
+            for name, one in numbers.items()
+        }
     if isinstance(body.moments, UncertainInertia) and body.frame == "principal":
-        return dict.fromkeys(known, _SCENE_AXES)
+        return numbers | refused(numbers, numbers, _SCENE_AXES)
     if isinstance(body.moments, UncertainInertia) and body.moments.centre is not None:
-        known |= dict.fromkeys((f"body.centre.{i}" for i in (1, 2, 3)), _OWN_CENTRE)
-    refused = refused_numbers(body.stated)
-    return known | {name: why for name, why in refused.items() if name in known or why == MESH}
+        numbers |= refused(numbers, (f"body.centre.{i}" for i in (1, 2, 3)), _OWN_CENTRE)
+    for name, why in refused_numbers(body.stated).items():
+        if name in numbers or why == MESH:
+            numbers |= refused(numbers, (name,), why)
+    return numbers
 
 
-def _of_stated(body: Body, stated: Stated) -> dict[str, Given]:
-    """Return the stated numbers of a body."""
-    known: dict[str, Given] = {}
+def _of_numbers(body: Body) -> Iterator[Parameter]:
+    """Yield the moments or the tensor, the mass and the centre of a body."""
+    path, unit = ("body", "moments"), BODY["moments"]
+    if isinstance(body.moments, TensorDistribution):
+        yield from _of_tensors(body.moments)
+    elif isinstance(body.moments, VectorDistribution):
+        yield from of_vector("body.moments", path, body.moments, unit)
+    else:
+        yield from of_quantities("body.moments", path, body.moments, unit)
+        if is_shared(body.moments):
+            yield from _of_one_tensor(body)
+    yield from of_quantity("body.mass", ("body", "mass"), body.mass, BODY["mass"])
+    yield from of_quantities("body.centre", ("body", "centre"), body.centre, BODY["centre"])
+
+
+def _of_stated(body: Body, stated: Stated) -> Iterator[Parameter]:
+    """Yield the stated numbers of a body."""
+    settable = stated.names()
     for name, rates in stated.rates().items():
-        known[name] = lambda rates=rates: moved_seeds(body, np.array(body.moments), *rates)  # type: ignore[misc]
+
+        def seeds(rates: Any = rates) -> list[Seed] | Refusal:
+            return moved_seeds(body, np.array(body.moments), *rates)
+
+        yield Parameter(name, BODY[name.split(".")[1]], seeds, name in settable)
     if stated.key == "tensor":
         rule = "is not a number of the scene, which states a tensor: name its elements, body.tensor"
-        known |= dict.fromkeys((f"body.moments.{i}" for i in (1, 2, 3)), rule)
-    return known
+        for i in (1, 2, 3):
+            yield Parameter(f"body.moments.{i}", BODY["moments"], rule)
 
 
 def moved_seeds(
@@ -143,48 +136,60 @@ def moved_seeds(
     return seeds + [Seed(("body", "centre", i), constant(x)) for i, x in moved if x != 0.0]
 
 
-def _of_tensors(distribution: TensorDistribution) -> dict[str, Given]:
-    """Return the elements of a distribution of tensors."""
-    path = ("body", "moments")
+def constant(derivative: float) -> Rate:
+    """Return the Rate of numbers with the same derivative for all members."""
+    return lambda drawn: np.full_like(drawn.values, derivative)
+
+
+def relative(derivative: float) -> Rate:
+    """Return the Rate of numbers whose derivatives are in proportion to the numbers."""
+    return lambda drawn: derivative * drawn.values
+
+
+def _of_tensors(distribution: TensorDistribution) -> Iterator[Parameter]:
+    """Yield the elements of a distribution of tensors."""
+    path, unit = ("body", "moments"), BODY["tensor"]
     if isinstance(distribution, TensorRows):
-        places = enumerate(TENSOR_ELEMENTS)
-        return {name: one_seed((*path, "rows", k), own_number) for k, (name, _) in places}
+        for k, (name, _) in enumerate(TENSOR_ELEMENTS):
+            yield Parameter(name, unit, one_seed((*path, "rows", k)))
+        return
     assert isinstance(distribution, UncertainInertia)
     covariance = np.array(distribution.covariance)
-    known = symmetric_parameters("body.tensor.mean", (*path, "mean"), 3)
-    spread = symmetric_parameters("body.tensor.covariance", (*path, "covariance"), len(covariance))
+    yield from symmetric_parameters("body.tensor.mean", (*path, "mean"), 3, lambda i, j: unit)
+    spread = symmetric_parameters(
+        "body.tensor.covariance", (*path, "covariance"), len(covariance), _covariance_unit
+    )
     width = np.sqrt(covariance.diagonal())
     with np.errstate(invalid="ignore"):
         correlation = covariance / np.outer(width, width)
     # zeros mark exact elements; a root has no derivative there
     if not np.nan_to_num(np.linalg.eigvalsh(np.nan_to_num(correlation))).min() > 1e-9:
-        spread = dict.fromkeys(spread, "has a width of 0 in some direction, at a kink")
-    known |= spread
-    for i, x in enumerate(distribution.centre or ()):
-        known |= of_quantity(f"body.tensor.centre.{i + 1}", (*path, "centre", i), x)
-    return known
+        rule = "has a width of 0 in some direction, at a kink"
+        spread = (one._replace(seeds=rule) for one in spread)
+    yield from spread
+    centre = distribution.centre or ()
+    for one in of_quantities("body.tensor.centre", (*path, "centre"), centre, BODY["centre"]):
+        yield one._replace(is_settable=False)
 
 
-def symmetric_parameters(name: str, path: Path, size: int) -> dict[str, Given]:
-    """Return the elements i <= j of a symmetric matrix; i.j changes j.i, too."""
-
-    def seeds(i: int, j: int) -> Callable[[], list[Seed]]:
-        return lambda: [Seed((*path, *place), own_number) for place in sorted({(i, j), (j, i)})]
-
-    pairs = ((i, j) for i in range(size) for j in range(i, size))
-    return {f"{name}.{i + 1}.{j + 1}": seeds(i, j) for i, j in pairs}
+def _covariance_unit(i: int, j: int) -> str:
+    """Return the units of a covariance of two of ELEMENTS, such as "kg m3"."""
+    powers = {"tensor": (1, 2), "centre": (0, 1), "mass": (1, 0)}
+    one, other = (powers[ELEMENTS[k].partition(".")[0]] for k in (i, j))
+    pairs = (("kg", one[0] + other[0]), ("m", one[1] + other[1]))
+    return " ".join(word + (str(n) if n > 1 else "") for word, n in pairs if n)
 
 
-def _of_one_tensor(body: Body) -> dict[str, Given]:
-    """Return the elements of the tensor of a body in its described axes."""
-    known: dict[str, Given] = {}
+def _of_one_tensor(body: Body) -> Iterator[Parameter]:
+    """Yield the elements of the tensor of a body in its described axes."""
     for name, (i, j) in TENSOR_ELEMENTS:
         unit = np.zeros((3, 3))
         unit[i, j] = unit[j, i] = 1.0
-        known[name] = lambda unit=unit: tensor_seeds(  # type: ignore[misc]
-            body, np.array(body.moments), unit, constant
-        )
-    return known
+
+        def seeds(unit: Array = unit) -> list[Seed] | Refusal:
+            return tensor_seeds(body, np.array(body.moments), unit, constant)
+
+        yield Parameter(name, BODY["tensor"], seeds)
 
 
 def tensor_seeds(
@@ -224,24 +229,31 @@ class Solid(NamedTuple):
     mass: float
     moments: Array
 
-    def parameters(self) -> dict[str, Given]:
-        """Return the mass, or the density, and the sizes."""
-        solid = self.part.solid
-        scale = next(iter(inspect.signature(SOLIDS[solid]).parameters))
-        known: dict[str, Given] = {f"body.{solid}.{scale}": lambda: self.scale_seeds(scale)}
-        if scale == "mass":
-            for word, rate in rates_of(self.body.mass).items():
-                known[f"body.{solid}.mass.{word}"] = (
-                    rate if isinstance(rate, str) else lambda rate=rate: self.mass_seeds(rate)  # type: ignore[misc]
-                )
-        for k, (key, i) in enumerate(_components(self.part)):
-            name = f"body.{solid}.{key}" if i is None else f"body.{solid}.{key}.{i + 1}"
-            known[name] = lambda k=k: self.size_seeds(k)  # type: ignore[misc]
-        return known
+    @property
+    def scale(self) -> str:
+        """The argument that its mass is in proportion to, "mass" or "density"."""
+        return next(iter(inspect.signature(SOLIDS[self.part.solid]).parameters))
 
-    def scale_seeds(self, scale: str) -> list[Seed]:
+    @property
+    def is_by_mass(self) -> bool:
+        """Whether a map may vary its mass, and the moments with it."""
+        return self.scale == "mass" and self.length == 1.0
+
+    def parameters(self) -> Iterator[Parameter]:
+        """Yield the mass, or the density, and the sizes."""
+        name, scale = f"body.{self.part.solid}", self.scale
+        unit = size_units(scale)
+        yield Parameter(f"{name}.{scale}", unit, self.scale_seeds, self.is_by_mass)
+        for word, rate in rates_of(self.body.mass).items() if scale == "mass" else ():
+            seeds: Seeds = rate if isinstance(rate, str) else partial(self.mass_seeds, rate)
+            yield Parameter(f"{name}.mass.{word}", unit, seeds)
+        for k, (key, i) in enumerate(_components(self.part)):
+            of_size = f"{name}.{key}" if i is None else f"{name}.{key}.{i + 1}"
+            yield Parameter(of_size, size_units(key), partial(self.size_seeds, k))
+
+    def scale_seeds(self) -> list[Seed]:
         """Return the Seeds of the mass, or of the density."""
-        if scale == "mass":
+        if self.scale == "mass":
             return self.mass_seeds(own_number)
         density = self.mass / (plain(self.made()[0]) * self.length**3)
         paths: list[Path] = [("body", "mass"), *(("body", "moments", i) for i in range(3))]

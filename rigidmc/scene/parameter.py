@@ -1,0 +1,172 @@
+"""A parameter of a model: a number by its name, where it is, its units and its derivative.
+
+A name is that of a map, `--set` or `wrt`, such as start.omega.2, effects.gravity.g or
+body.box.size.1. If members draw that number, its derivative is by the member's own number; a
+further word names a parameter of the distribution, as in start.omega.2.mean
+(`rigidmc.scene.reparametrise`).
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from itertools import combinations_with_replacement
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rigidmc.physics.dynamics.dual_arrays import DualArray
+from rigidmc.physics.dynamics.functions import normal_quantile
+from rigidmc.scene.quantities import Drawn, Rate
+from rigidmc.scene.reparametrise import own_number, rates_of
+from rigidmc.scene.units import parameter_units, squared
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
+from rigidmc.scene.vector_distributions.vectors import Correlated, lower_factor, whole_of
+
+_FIXED = ("axis", "covariance", "direction")  # fields of distributions that no map varies
+Path = tuple[str | int, ...]  # of fields and indices, from a Model
+
+
+class Seed(NamedTuple):
+    """A quantity of a model that depends on a parameter, and the derivative of its numbers."""
+
+    path: Path
+    rate: Rate
+
+
+Refusal = str  # why there is no derivative, to follow "it"
+Seeds = Callable[[], list[Seed] | Refusal] | Refusal
+
+
+class Parameter(NamedTuple):
+    """A number of a model, or a parameter of its distribution.
+
+    unit : SI units
+    seeds : function that returns the Seeds, or the reason why there is no derivative; None if `wrt`
+        does not know the name
+    is_settable : whether a map may give it another number
+    """
+
+    name: str
+    unit: str
+    seeds: Seeds | None
+    is_settable: bool = False
+
+
+Parameters = dict[str, Parameter]  # by their names
+
+
+def one_seed(path: Path, rate: Rate = own_number) -> Callable[[], list[Seed]]:
+    """Return a function that returns one Seed."""
+    return lambda: [Seed(path, rate)]
+
+
+def of_quantity(
+    name: str, path: Path, quantity: Any, unit: str, is_settable: bool = True
+) -> Iterator[Parameter]:
+    """Yield the member's own number, and each parameter of its distribution."""
+    yield Parameter(name, unit, one_seed(path), is_settable)
+    for word, rate in rates_of(quantity).items():
+        seeds = rate if isinstance(rate, str) else one_seed(path, rate)
+        yield Parameter(f"{name}.{word}", "1" if word.endswith(".weight") else unit, seeds)
+
+
+def of_quantities(name: str, path: Path, quantities: Any, unit: str) -> Iterator[Parameter]:
+    """Yield the parameters of several quantities, numbered from 1."""
+    for i, quantity in enumerate(quantities):
+        yield from of_quantity(f"{name}.{i + 1}", (*path, i), quantity, unit)
+
+
+def symmetric_parameters(
+    name: str, path: Path, size: int, unit_of_element: Callable[[int, int], str]
+) -> Iterator[Parameter]:
+    """Yield the elements i <= j of a symmetric matrix; i.j changes j.i, too."""
+
+    def seeds(i: int, j: int) -> Callable[[], list[Seed]]:
+        return lambda: [Seed((*path, *place), own_number) for place in sorted({(i, j), (j, i)})]
+
+    for i, j in combinations_with_replacement(range(size), 2):
+        yield Parameter(f"{name}.{i + 1}.{j + 1}", unit_of_element(i, j), seeds(i, j))
+
+
+def by_name(parameters: Iterable[Parameter]) -> Parameters:
+    """Return {name: parameter}."""
+    return {one.name: one for one in parameters}
+
+
+def refused(
+    known: Mapping[str, Parameter], names: Iterable[str], rule: Refusal, unit: str = "1"
+) -> Parameters:
+    """Return parameters without a derivative, for the reason `rule`.
+
+    unit : of names that are not known
+    """
+    return {
+        name: known.get(name, Parameter(name, unit, rule))._replace(seeds=rule) for name in names
+    }
+
+
+def of_vector(name: str, path: Path, value: Any, unit: str) -> Iterator[Parameter]:
+    """Yield the parameters of a vector of quantities, or of a distribution of vectors: the member's
+    own components, then the parameters of the distribution."""
+    if isinstance(value, VectorDistribution):
+        for i in range(3):
+            yield Parameter(f"{name}.{i + 1}", unit, one_seed((*path, "sample"), _component(i)))
+        units = parameter_units(value, unit)
+        for field, part in value.as_dict().items():
+            known = of_field(f"{name}.{field}", (*path, field), part, units.get(field, "1"))
+            is_free = field not in _FIXED
+            yield from (one._replace(is_settable=one.is_settable and is_free) for one in known)
+    elif whole := whole_of(value):
+        for i in range(3):
+            yield Parameter(f"{name}.{i + 1}", unit, one_seed((*path, i)))
+        yield from _of_correlated(name, path, whole, unit)
+    else:
+        yield from of_quantities(name, path, value, unit)
+
+
+def _component(i: int) -> Rate:
+    """Return the derivatives (3, n) of drawn vectors by their own component i."""
+    return lambda drawn: np.eye(3)[:, i : i + 1] + np.zeros_like(drawn.values)
+
+
+def of_field(name: str, path: Path, part: Any, unit: str) -> Iterator[Parameter]:
+    """Yield the parameters of a field of a distribution of vectors."""
+    if isinstance(part, int):
+        yield Parameter(name, unit, "is an integer", True)
+    elif isinstance(part, tuple) and isinstance(part[0], tuple):
+        yield from symmetric_parameters(name, path, len(part), lambda i, j: unit)
+    elif isinstance(part, tuple):
+        yield from of_quantities(name, path, part, unit)
+    elif part is not None:
+        yield from of_quantity(name, path, part, unit)
+
+
+def _of_correlated(name: str, path: Path, whole: Correlated, unit: str) -> Iterator[Parameter]:
+    """Yield mean and covariance of a Correlated vector that is a parameter of an effect."""
+    for i in range(3):
+        yield Parameter(f"{name}.mean.{i + 1}", unit, one_seed((*path, i)))
+    for i, j in combinations_with_replacement(range(3), 2):
+        seeds = partial(_by_covariance, path, whole, i, j)
+        yield Parameter(f"{name}.covariance.{i + 1}.{j + 1}", squared(unit), seeds)
+
+
+def _by_covariance(path: Path, whole: Correlated, i: int, j: int) -> list[Seed]:
+    """Return the Seeds of element (i, j) of a covariance."""
+    unit = np.zeros((3, 3))
+    unit[i, j] = unit[j, i] = 1.0
+    marked: Any = [
+        [DualArray(x, [by]) for x, by in zip(row, rates, strict=True)]
+        for row, rates in zip(whole.covariance, unit.tolist(), strict=True)
+    ]
+    factor: Any = lower_factor(marked)
+
+    def rate_of(row: list[float]) -> Rate:
+        def rate(drawn: Drawn) -> Any:
+            assert drawn.words is not None
+            return sum(by * normal_quantile(u) for by, u in zip(row, drawn.words, strict=False))
+
+        return rate
+
+    return [
+        Seed((*path, k), rate_of([float(x.tangents[0]) for x in row]))
+        for k, row in enumerate(factor)
+    ]
