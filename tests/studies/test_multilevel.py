@@ -13,6 +13,7 @@ from scipy import stats
 import rigidmc as rm
 from bench.multilevel import equilibrium
 from rigidmc.errors import OptionError
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.studies.framework import tasks
 from rigidmc.studies.multilevel import levels as levels_module
 from rigidmc.studies.multilevel.corrections import (
@@ -127,7 +128,7 @@ def test_batches_add_up_to_the_whole():
 def request(batch=512, text=f"{MEASURE} +- 0.1", scene=SCENE, most=10**12, **settings):
     """What the tasks of a study have in common, and what it is asked."""
     scene, words = multilevel.design(scene, text, most, batch, **settings)
-    return make_setup(scene, **words)
+    return make_setup(prepare_scene(scene), **words)
 
 
 def same(one, other):

@@ -9,6 +9,7 @@ from scipy.stats import norm
 import rigidmc as rm
 from bench.rare_truths import LEVEL, bathed, passed, spun
 from rigidmc.errors import FileError, NoRoom, OptionError, SceneWarning
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.segments import SegmentedRun
 from rigidmc.studies.framework import tasks
 from rigidmc.studies.rare import splitting, subsets
@@ -118,6 +119,7 @@ def test_nothing_found_is_no_zero():
     one = {"p": 0.0, "levels": np.array([1.0]), "shares": np.array([0.25]), "steps": 1.0}
     gone = {i: {**one, "flagged": 0, "deep": False} for i in range(4)}
     designed, request = rare.design(spun(), "p(omega_max[3] >= 4)", 1e-9, 100, 4)
+    designed = prepare_scene(designed)
     died = reduce(designed, request, gone, RareOptions())
     assert float(died.p_high) > 3.0 / 400.0 and "came no nearer" in table(died)[2]
     gone[0] = {**gone[0], "p": 1e-3}

@@ -3,7 +3,6 @@ loses no finished task."""
 
 import random
 import time
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -12,7 +11,7 @@ import xarray as xr
 
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import FileError, OptionError, SceneWarning
+from rigidmc.errors import FileError, OptionError, warn
 from rigidmc.files.outputs import Path
 from rigidmc.inputs.amounts import read_count, read_seconds, two_digits
 from rigidmc.processes.progress import Progress, announce, reporter, say
@@ -32,7 +31,7 @@ from rigidmc.runs.directory.tasks import (
     study_of,
     tasks_at_once,
 )
-from rigidmc.runs.prepare import prepare_scene
+from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.price import cost_per_step
 from rigidmc.runs.resources import movers
 from rigidmc.scene.scene import Scene
@@ -48,26 +47,26 @@ class Tasks(NamedTuple):
 
     start : (scene with the settings, options, settings) -> (scene of the tasks, request: their
         options as numbers and words); raises for a scene that cannot be studied
-    next : (scene, request, {number: result} of the finished tasks) -> numbers of the next tasks,
-        [] at the end; at the beginning no task is finished
-    compute_some : (scene, request, numbers of tasks, threads, device) -> result of each task; it
+    next : (prepared run of the scene of the tasks, request, {number: result} of the finished tasks)
+        -> numbers of the next tasks, [] at the end; at the beginning no task is finished
+    compute_some : (run, request, numbers of tasks, threads, device) -> result of each task; it
         does not depend on threads, device and the other tasks
-    cost : (scene, request, numbers of tasks) -> their member-steps
-    reduce : (scene, request, {number: result}, options) -> the Dataset
+    cost : (run, request, numbers of tasks) -> their member-steps
+    reduce : (run, request, {number: result}, options) -> the Dataset
     is_growing : whether the results of tasks decide the next tasks
     together : number of tasks computed at once, 0 for as many as keep the threads at work
-    notes : scene of the tasks -> warnings before the first task
+    notes : run -> warnings before the first task
     doubts : Dataset -> warnings after the last task
     """
 
     start: Callable[[Scene, Any, Mapping[str, Any]], Design]
-    next: Callable[[Scene, Request, dict[int, TaskArrays]], Sequence[int]]
-    compute_some: Callable[[Scene, Request, Sequence[int], int, str | None], list[TaskArrays]]
-    cost: Callable[[Scene, Request, Sequence[int]], float]
-    reduce: Callable[[Scene, Request, dict[int, TaskArrays], Any], xr.Dataset]
+    next: Callable[[PreparedRun, Request, dict[int, TaskArrays]], Sequence[int]]
+    compute_some: Callable[[PreparedRun, Request, Sequence[int], int, str | None], list[TaskArrays]]
+    cost: Callable[[PreparedRun, Request, Sequence[int]], float]
+    reduce: Callable[[PreparedRun, Request, dict[int, TaskArrays], Any], xr.Dataset]
     is_growing: bool = False
     together: int = 1
-    notes: Callable[[Scene], Sequence[str]] = lambda scene: ()
+    notes: Callable[[PreparedRun], Sequence[str]] = lambda run: ()
     doubts: Callable[[xr.Dataset], Sequence[str]] = lambda dataset: ()
 
     @property
@@ -90,12 +89,14 @@ class Tasks(NamedTuple):
     ) -> xr.Dataset:  # fmt: skip
         """Compute the tasks, and the study of them."""
         threads = threads_available() if threads is None else read_count(threads, "threads")
-        for note in self.notes(design[0]):
-            warnings.warn(note, SceneWarning, stacklevel=3)
-        found = compute_all(self, *design, threads, progress, resolve_device(device))
-        dataset = describe(self.reduce(*design, found, options), design[0])
+        (scene, request), device = design, resolve_device(device)
+        run = prepare_scene(scene)
+        for note in self.notes(run):
+            warn(note)
+        done = compute_all(self, run, request, threads, progress, device)
+        dataset = describe(self.reduce(run, request, done, options), scene)
         for note in self.doubts(dataset):
-            warnings.warn(note, SceneWarning, stacklevel=3)
+            warn(note)
         return dataset
 
     def stored(
@@ -105,8 +106,8 @@ class Tasks(NamedTuple):
 
         name : of the study
         """
-        scene, request, found = load_tasks(path, name, allow_code)
-        return describe(self.reduce(scene, request, found, options), scene)
+        scene, request, done = load_tasks(path, name, allow_code)
+        return describe(self.reduce(prepare_scene(scene), request, done, options), scene)
 
     def create(
         self, name: str, design: Design, options: Any, path: Path, **ways: Any
@@ -121,16 +122,16 @@ class Tasks(NamedTuple):
                 rule = "applies to members; here a shard is a task of the study"
                 raise OptionError(rule, at=f"shard_{key}", value=value)
         scene, request = design
-        first = self.next(scene, request, {})
+        first = self.next(prepare_scene(scene), request, {})
         return create_tasks(scene, path, name, request, first, int(self.is_growing))
 
     def price(
-        self, scene: Scene, request: Request, numbers: Sequence[int], threads: int,
+        self, run: PreparedRun, request: Request, numbers: Sequence[int], threads: int,
         device: str | None = None,
     ) -> str:  # fmt: skip
         """Return the estimated cost of tasks as text, from the time of steps measured now."""
-        steps, device = self.cost(scene, request, numbers), resolve_device(device)
-        took = 1e-9 * steps * cost_per_step(prepare_scene(scene), device) / movers(threads, device)
+        steps, device = self.cost(run, request, numbers), resolve_device(device)
+        took = 1e-9 * steps * cost_per_step(run, device) / movers(threads, device)
         return (
             f"{count_text(len(numbers), 'task')} x"
             f" {steps / max(1, len(numbers)):,.0f} member-steps, {two_digits(steps)} in all:"
@@ -140,7 +141,7 @@ class Tasks(NamedTuple):
 
 def compute_all(
     tasks: Tasks,
-    scene: Scene,
+    run: PreparedRun,
     request: Request,
     threads: int,
     progress: Progress = False,
@@ -150,20 +151,20 @@ def compute_all(
 
     progress : as in `simulate`, counting tasks in place of member-steps; True also reports the cost
     """
-    found: dict[int, TaskArrays] = {}
+    done: dict[int, TaskArrays] = {}
     with announce(progress):
-        while numbers := tasks.next(scene, request, found):
+        while numbers := tasks.next(run, request, done):
             if progress is True:
-                say(tasks.price(scene, request, numbers, threads, device))
+                say(tasks.price(run, request, numbers, threads, device))
             many = tasks.together or tasks_at_once(threads)
             with reporter(progress, len(numbers), 1) as report:
                 for first in range(0, len(numbers), many):
                     group = numbers[first : first + many]
-                    values = tasks.compute_some(scene, request, group, threads, device)
-                    found |= zip(group, values, strict=True)
+                    values = tasks.compute_some(run, request, group, threads, device)
+                    done |= zip(group, values, strict=True)
                     report.step(len(group))
                     report.poll()
-    return found
+    return done
 
 
 def tasks_of(directory: RunDirectory) -> tuple[str, Tasks, dict[str, Any]] | None:
@@ -192,17 +193,19 @@ def resume_study(
 
     Raises OptionError for a range of tasks if further tasks are still unknown.
     """
-    tasks, request = _known(directory)
-    scene = scene_of_run(directory, allow_code)
+    tasks, run, request = _prepared(directory, allow_code)
     stop = None if max_wall is None else time.monotonic() + read_seconds(max_wall, "max_wall")
     flagged: dict[str, int] = {}
     left: float | None = None if stop is None else max(1e-9, stop - time.monotonic())
     while True:
         if options.get("progress") is True:
-            _tell(tasks, scene, request, directory, only, options.get("threads"), device)
+            numbers = [int(directory.members(int(i))[0]) for i in missing_of(directory, only)]
+            threads = options.get("threads") or threads_available()
+            if numbers:
+                say(tasks.price(run, request, numbers, threads, device))
         now = resume_tasks(
             directory,
-            lambda numbers, threads: tasks.compute_some(scene, request, numbers, threads, device),
+            lambda numbers, threads: tasks.compute_some(run, request, numbers, threads, device),
             work,
             max_wall=left,
             only=only,
@@ -215,23 +218,13 @@ def resume_study(
         left = None if stop is None else stop - time.monotonic()
         if directory.missing().size or not directory.facts["growing"]:
             return directory, flagged
-        more = np.asarray(tasks.next(scene, request, read_tasks(directory)), np.int64)
+        more = np.asarray(tasks.next(run, request, read_tasks(directory)), np.int64)
         if more.size and only is not None:
             rule = "the next tasks depend on all of these: resume without a range of shards"
             raise OptionError(rule, at="shards", value=f"{only.start}:{only.stop}")
         directory = add_members(directory, more, int(more.size > 0))
         if not more.size or (left is not None and left <= 0.0):
             return directory, flagged
-
-
-def _tell(
-    tasks: Tasks, scene: Scene, request: Request, directory: RunDirectory, only: range | None,
-    threads: int | None, device: str | None,
-) -> None:  # fmt: skip
-    """Report the cost of the missing tasks."""
-    numbers = [int(directory.members(int(i))[0]) for i in missing_of(directory, only)]
-    if numbers:
-        say(tasks.price(scene, request, numbers, threads or threads_available(), device))
 
 
 def load_tasks(
@@ -257,11 +250,10 @@ def work(
 ) -> dict[str, int]:
     """Compute one task of a run directory, as a worker on a cluster."""
     check_versions(directory, accept)
-    tasks, request = _known(directory)
-    scene = scene_of_run(directory, allow_code)
+    tasks, run, request = _prepared(directory, allow_code)
     return compute_tasks(
         directory,
-        lambda numbers, threads: tasks.compute_some(scene, request, numbers, threads, device),
+        lambda numbers, threads: tasks.compute_some(run, request, numbers, threads, device),
         [i],
         1,
     )
@@ -273,26 +265,27 @@ def verify_study(
     """Verify a run directory, as `rigidmc.runs.directory.gather.verify`; for a study, recompute
     `spot` random tasks and compare them."""
     directory = RunDirectory(path)
-    study = tasks_of(directory)
-    if study is None:
+    if tasks_of(directory) is None:
         return verify(path, spot, allow_code, threads)
-    _, tasks, request = study
     faults = verify(path, 0, allow_code)
     if faults or not spot:
         return faults
-    scene, many = scene_of_run(directory, allow_code), threads or threads_available()
-    done = sorted(directory.shards())
+    tasks, run, request = _prepared(directory, allow_code)
+    many, done = threads or threads_available(), sorted(directory.shards())
 
     def task(numbers: Sequence[int], threads: int) -> list[TaskArrays]:
-        return tasks.compute_some(scene, request, numbers, threads, None)
+        return tasks.compute_some(run, request, numbers, threads, None)
 
     chosen = sorted(random.sample(done, min(spot, len(done))))
     again = (compare_task(directory, i, task, many) for i in chosen)
     return [fault for fault in again if fault]
 
 
-def _known(directory: RunDirectory) -> tuple[Tasks, dict[str, Any]]:
-    """Return (work, request) of the study of a run directory that has one."""
+def _prepared(
+    directory: RunDirectory, allow_code: bool
+) -> tuple[Tasks, PreparedRun, dict[str, Any]]:
+    """Return (work, run of its tasks, request) of a run directory of a study."""
     study = tasks_of(directory)
     assert study is not None
-    return study[1:]
+    _, tasks, request = study
+    return tasks, prepare_scene(scene_of_run(directory, allow_code)), request

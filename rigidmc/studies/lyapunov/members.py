@@ -17,9 +17,8 @@ from rigidmc.planning.steps import order_by_steps, rate_bounds
 from rigidmc.runs.assemble import make_program
 from rigidmc.runs.blocks import BlockJob, steps_of_job
 from rigidmc.runs.directory.tasks import Request, TaskArrays
-from rigidmc.runs.prepare import prepare_scene
+from rigidmc.runs.prepare import PreparedRun
 from rigidmc.scene.recording import make_recording
-from rigidmc.scene.scene import Scene
 from rigidmc.studies.lyapunov.tangents import COUNT, TANGENTS, TangentProgram, with_tangents
 
 Array = NDArray[np.float64]
@@ -32,29 +31,29 @@ def kept_saves(plan: Plan, keep: int) -> NDArray[np.int64]:
 
 
 def compute_members(
-    scene: Scene, request: Request, numbers: Sequence[int], threads: int, device: str | None
+    run: PreparedRun, request: Request, numbers: Sequence[int], threads: int, device: str | None
 ) -> list[TaskArrays]:
     """Compute the members of tasks; return their growth."""
     if device not in (None, "cpu"):
         rule = "a spectrum is computed on the CPU: leave it out"
         raise OptionError(rule, at="device", value=device)
-    run, size = prepare_scene(scene), request["size"]
+    size = request["size"]
     # the kernel needs the state at saves, but writes no values
-    plan = run.plan._replace(recording=make_recording(scene.with_run(save=())))
+    plan = run.plan._replace(recording=make_recording(run.scene.with_run(save=())))
     program, kept = make_program(plan, derivatives=TANGENTS), kept_saves(plan, request["keep"])
     assert program is not None
-    found: dict[int, TaskArrays] = {}
+    done: dict[int, TaskArrays] = {}
 
     def make(number: int) -> BlockJob:
         first, count = number * size, min(size, plan.members - number * size)
         return _job(plan, program, kept, first, count, run.initial(plan.first + first, count)[0])
 
     def finished(job: BlockJob) -> None:
-        found[job.first // size] = _results(job)
+        done[job.first // size] = _results(job)
 
     # with `poll`, the deadline is checked five times a second
     run_blocks(make, numbers, threads, finished, poll=lambda: None)
-    return [found[number] for number in numbers]
+    return [done[number] for number in numbers]
 
 
 def _job(

@@ -23,14 +23,7 @@ Antonopoulos, Physica D 231 (2007) 30.
 
 {parameters}
 
-Returns
--------
-xarray.Dataset
-    over time, exponent (from the largest) and member: `exponents` [1/s]; over time and member:
-    their `sum`, `sali`, and over k `gali`; nan from the save on at which a member is flagged, and
-    where derivatives are not finite. Over member: `status`, and `pair_error`, the largest of
-    ``|lambda_i + lambda_(7-i)|`` at the end. Over exponent, at the end: `mean` over the members
-    with the ends `mean_low` and `mean_high` of its interval, and `spread`, the standard deviation
+{returns}
 
 Raises
 ------
@@ -70,11 +63,12 @@ from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.recording import conservation
 from rigidmc.scene.sampling import is_sample
 from rigidmc.scene.scene import Scene
-from rigidmc.statistics.intervals import mean
+from rigidmc.statistics.intervals import Interval, mean
 from rigidmc.studies.framework.members import TUNING, refuse_stops
 from rigidmc.studies.framework.options import Example, Options, Time, confidence_option, option
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.framework.tasks import Tasks
+from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
 from rigidmc.studies.lyapunov.members import compute_members, kept_saves
 from rigidmc.studies.lyapunov.tangents import COUNT
 
@@ -90,6 +84,23 @@ TASKS, LARGEST = 8, 512
 CHAOTIC = 1e-8  # SALI of regular motion stays above this over thousands of turns
 COST = 15.0  # a step with six tangents, half as much again for QR, in steps without
 STATE = "attitude", "momentum"
+VARIABLES = (
+    StudyVariable(
+        "exponents", "time exponent member", "s-1", "Lyapunov exponent",
+        "from the largest; nan, as all over time, from the save on at which a member is flagged,"
+        " and where derivatives are not finite", attrs={"symbol": "lambda"},
+    ),
+    StudyVariable("sum", "time member", "s-1", "sum of the Lyapunov exponents"),
+    StudyVariable("sali", "time member", "1", "smaller alignment index"),
+    StudyVariable("gali", "time k member", "1", "generalised alignment index"),
+    StudyVariable(
+        "pair_error", "member", "s-1", "largest sum of two paired exponents",
+        "``|lambda_i + lambda_(7-i)|`` at the end",
+    ),
+    StudyVariable("mean", "exponent", "s-1", "mean over the members", "at the end", True),
+    StudyVariable("spread", "exponent", "s-1", "standard deviation over the members", "at the end"),
+    StudyVariable("status", "member", "", "status of the member"),
+)  # fmt: skip
 
 
 class LyapunovOptions(Options):
@@ -149,75 +160,62 @@ def _interval(run: PreparedRun, given: float | None, every: float | None) -> tup
     return min(every, t_end) / keep, keep
 
 
-def missing_members(scene: Scene, request: Request, found: dict[int, TaskArrays]) -> list[int]:
+def missing_members(run: PreparedRun, request: Request, done: dict[int, TaskArrays]) -> list[int]:
     """Return the tasks that are still missing."""
-    return [i for i in range(-(-scene.run.members // request["size"])) if i not in found]
+    return [i for i in range(-(-run.plan.members // request["size"])) if i not in done]
 
 
-def cost_of(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
+def cost_of(run: PreparedRun, request: Request, numbers: Sequence[int]) -> float:
     """Return the member-steps of tasks; a step with tangents counts as COST."""
-    members = sum(min(request["size"], scene.run.members - i * request["size"]) for i in numbers)
-    return COST * float(members) * prepare_scene(scene).plan.mean_steps
+    size = request["size"]
+    members = sum(min(size, run.plan.members - i * size) for i in numbers)
+    return COST * float(members) * run.plan.mean_steps
 
 
 def reduce(
-    scene: Scene, request: Request, found: dict[int, TaskArrays], options: LyapunovOptions
+    run: PreparedRun, request: Request, done: dict[int, TaskArrays], options: LyapunovOptions
 ) -> xr.Dataset:
     """Return the Dataset of the members of the finished tasks."""
-    run, size = prepare_scene(scene), request["size"]
-    numbers = sorted(found)
+    scene, size, numbers = run.scene, request["size"], sorted(done)
 
     def joined(name: str) -> NDArray[Any]:
-        return np.concatenate([found[i][name] for i in numbers], axis=-1)
+        return np.concatenate([done[i][name] for i in numbers], axis=-1)
 
-    member = np.concatenate([i * size + np.arange(found[i]["flag"].size) for i in numbers])
+    member = np.concatenate([i * size + np.arange(done[i]["flag"].size) for i in numbers])
     times = run.layout.axes.times[kept_saves(run.plan, request["keep"])]
     exponents = joined("logarithms") / times[:, None, None]
-    total, status = exponents.sum(axis=1), joined("flag")
-    gali = np.exp(joined("log_gali"))
+    total, gali = exponents.sum(axis=1), np.exp(joined("log_gali"))
     exponents = -np.sort(-exponents, axis=1)
-    pairs = np.abs(exponents[-1] + exponents[-1, ::-1]).max(axis=0)
     average = mean(exponents[-1], confidence=options.confidence)
-    known = np.isfinite(exponents[-1]).sum(axis=-1)
+    count = np.isfinite(exponents[-1]).sum(axis=-1)
     with np.errstate(all="ignore"):
         square = np.nansum((exponents[-1] - average.value[:, None]) ** 2, axis=-1)
-        spread = np.sqrt(square / (known - 1.0))
-    drawn = is_sample(scene.model)
-    words = {
-        "exponents": (("time", "exponent", "member"), exponents, "Lyapunov exponent", "s-1"),
-        "sum": (("time", "member"), total, "sum of the Lyapunov exponents", "s-1"),
-        "sali": (("time", "member"), sali_of(gali[:, 0]), "smaller alignment index", "1"),
-        "gali": (("time", "k", "member"), gali, "generalised alignment index", "1"),
-        "pair_error": ("member", pairs, "largest sum of two paired exponents", "s-1"),
-        "mean": ("exponent", average.value, "mean over the members", "s-1"),
-        "mean_low": ("exponent", average.low, "lower end of its interval", "s-1"),
-        "mean_high": ("exponent", average.high, "upper end of its interval", "s-1"),
-        "spread": ("exponent", spread, "standard deviation over the members", "s-1"),
+        spread = np.sqrt(square / (count - 1.0))
+    if not is_sample(scene.model):
+        average = Interval(average.value, *np.full((2, COUNT), np.nan))
+    values = {
+        "exponents": exponents,
+        "sum": total,
+        "sali": sali_of(gali[:, 0]),
+        "gali": gali,
+        "pair_error": np.abs(exponents[-1] + exponents[-1, ::-1]).max(axis=0),
+        "mean": average,
+        "spread": spread,
+        "status": xr.Variable("member", joined("flag"), variables_of(scene)["status"].attrs),
     }
-    variables: dict[str, Any] = {
-        name: (dims, values, {"long_name": text, "units": units})
-        for name, (dims, values, text, units) in words.items()
-    }
-    variables["exponents"][2]["symbol"] = "lambda"
-    for name in ("mean_low", "mean_high") if not drawn else ():
-        variables[name][1][:] = np.nan
-    about = variables_of(scene)["status"].attrs
-    variables["status"] = "member", status, about
-    coords = {
+    coordinates = {
         "time": ("time", times, {"long_name": "time", "units": "s"}),
         "exponent": np.arange(1, COUNT + 1),
         "k": np.arange(2, COUNT + 1),
         "member": scene.run.first + member,
     }
     attrs = {
-        "title": scene.title,
         "members": int(scene.run.members),
         "interval": longest_interval(scene.run),
         "confidence": options.confidence,
         "keeps_energy": int(conservation(scene.effects, False)["energy"] == "yes"),
-        "scene": scene.dumps(),
     }
-    return xr.Dataset(variables, coords, attrs)
+    return make_dataset(VARIABLES, values, coordinates, attrs)
 
 
 def sali_of(gali: Array) -> Array:
@@ -238,27 +236,19 @@ def table(study: xr.Dataset) -> list[str]:
     ]
     if good.any():
         few = end.isel(member=good)
-        heads = (
-            f"{column_head(study.exponents):>14s}",
-            "mean",
-            "+-",
-            "spread",
-            "smallest",
-            "largest",
-        )
-        lines.append("".join([heads[0], *(f"{head:>12s}" for head in heads[1:])]))
+        heads = "mean", "+-", "spread", "smallest", "largest"
+        words = "".join(f"{head:>12s}" for head in heads)
+        lines.append(f"{column_head(study.exponents):>14s}{words}")
         for i in study.exponent.values:
-            one = few.sel(exponent=i)
-            half = 0.5 * float(one.mean_high - one.mean_low)
-            ends = float(one.exponents.min()), float(one.exponents.max())
-            numbers = float(one["mean"]), half, float(one.spread), *ends
+            row = few.sel(exponent=i)
+            value, ends = interval_of(row, "mean"), (row.exponents.min(), row.exponents.max())
+            numbers = value.value, value.half, float(row.spread), *map(float, ends)
             lines.append(f"{i:14d}" + "".join(f"{x:12.4g}" for x in numbers))
         total = few["sum"]
         lines += [
             f"  sum of all: {float(total.mean()):.3g} on average, largest size"
             f" {value_text(float(np.abs(total).max()), total, 3)}"
-            + "; 0 for exact steps"
-            * attrs["keeps_energy"],
+            f"{'; 0 for exact steps' * attrs['keeps_energy']}",
             f"  SALI below {CHAOTIC:g}, chaotic: {int((few.sali < CHAOTIC).sum()):,} of"
             f" {count_text(int(good.sum()), 'member')}",
         ]
@@ -280,6 +270,7 @@ lyapunov = Study(
     options=LyapunovOptions,
     work=Tasks(start, missing_members, compute_members, cost_of, reduce, together=0),
     table=table,
+    variables=VARIABLES,
     picture="lyapunov_spectrum",
     settings=(*TUNING, "members", "first", "points", "every"),
     settings_help={

@@ -60,7 +60,7 @@ from rigidmc.processes.progress import say
 from rigidmc.results.labels import count_text, with_units
 from rigidmc.results.variables import saved_variables, variables_of
 from rigidmc.runs.directory import tasks as runs
-from rigidmc.runs.prepare import prepare_scene
+from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.sampling import refuse_indexed
@@ -127,58 +127,64 @@ def start(
         "confidence": options.confidence,
     }
     refuse_count(request["batch"], "members of a batch", MEMBER, "use a smaller batch")
-    make_setup(scene, **request)
+    run = prepare_scene(scene)
+    make_setup(run, **request)
     # no notes on long steps: the study corrects for these
-    for note in prepare_scene(scene).scene_notes:
+    for note in run.scene_notes:
         warnings.warn(note, SceneWarning, stacklevel=3)
     return scene, request
 
 
 def make_setup(
-    scene: Scene, until: str, most: int, batch: int, confidence: float
+    run: PreparedRun, until: str, most: int, batch: int, confidence: float
 ) -> tuple[LevelSetup, MultilevelGoal]:
     """Return (common setup of the tasks, goal of the study); OptionError."""
+    scene = run.scene
     known = {**variables_of(scene), **saved_variables(scene.effects, make_recording(scene))}
     wanted = goal(until, known)
     if wanted.measure.kind != "mean" or wanted.measure.given is not None:
         rule = "has corrections that do not become small: use mean(NAME) over all members"
         raise OptionError(rule, at="run.until", value=until)
     order = min(scene.integrator.order, 2 if any(map(is_random, scene.effects)) else 8)
-    request = LevelSetup(scene, wanted.measure, prepare_scene(scene).plan.grid.steps, batch)
+    request = LevelSetup(scene, wanted.measure, run.plan.grid.steps, batch)
     return request, MultilevelGoal(until, wanted, order, confidence, float(most))
 
 
 def compute_levels(
-    scene: Scene, request: runs.Request, numbers: Sequence[int], threads: int, device: str | None
+    run: PreparedRun,
+    request: runs.Request,
+    numbers: Sequence[int],
+    threads: int,
+    device: str | None,
 ) -> list[runs.TaskArrays]:
     """Compute batches of levels and return their sums."""
-    return sums(make_setup(scene, **request)[0], numbers, threads, device)
+    return sums(make_setup(run, **request)[0], numbers, threads, device)
 
 
 def next_batches(
-    scene: Scene, request: runs.Request, found: dict[int, runs.TaskArrays]
+    run: PreparedRun, request: runs.Request, found: dict[int, runs.TaskArrays]
 ) -> list[int]:
     """Return the next batches."""
-    now = state_after(*make_setup(scene, **request), found)
+    now = state_after(*make_setup(run, **request), found)
     if now.line:
         say(now.line)
     return now.next
 
 
-def cost_of(scene: Scene, request: runs.Request, numbers: Sequence[int]) -> float:
+def cost_of(run: PreparedRun, request: runs.Request, numbers: Sequence[int]) -> float:
     """Return the member-steps of batches."""
-    levels, known = (number // TASKS for number in numbers), make_setup(scene, **request)[0]
+    levels, known = (number // TASKS for number in numbers), make_setup(run, **request)[0]
     return sum(known.batch * Level(i, known.steps << i).price for i in levels)
 
 
 def reduce(
-    scene: Scene,
+    run: PreparedRun,
     request: runs.Request,
     found: dict[int, runs.TaskArrays],
     options: MultilevelOptions,
 ) -> xr.Dataset:
     """Return the Dataset of the finished rounds; FileError if the first is not finished."""
-    known = make_setup(scene, **request)
+    known = make_setup(run, **request)
     now = state_after(*known, found)
     if now.found is None:
         missing = count_text(

@@ -68,7 +68,7 @@ from rigidmc.planning.initial import random_dimensions
 from rigidmc.results.labels import count_text
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.directory.tasks import Request, TaskArrays
-from rigidmc.runs.prepare import prepare_scene
+from rigidmc.runs.prepare import PreparedRun
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.sampling import is_indexed, rows_to_run
 from rigidmc.scene.scene import Scene
@@ -138,11 +138,6 @@ def start(
     return moved.with_run(members=members), request
 
 
-def notes(scene: Scene) -> tuple[str, ...]:
-    """Return the warnings before the first repetition."""
-    return prepare_scene(scene).notes
-
-
 def doubts(study: xr.Dataset) -> list[str]:
     """Return the warnings if no repetition found a path to the event."""
     if float(study.p) > 0.0:
@@ -150,24 +145,23 @@ def doubts(study: xr.Dataset) -> list[str]:
     return [f"{study.attrs['of']}: {why}" for why in _stuck(study)]
 
 
-def cost_of(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
+def cost_of(run: PreparedRun, request: Request, numbers: Sequence[int]) -> float:
     """Return the member-steps of repetitions for an event of probability `target`, to a factor of
     2: a level of splitting takes half a run, a level of subset simulation a whole one."""
     members, depth = request["members"], -math.log(request["target"])
-    killed, part = (KILLED, 0.5 * KILLED) if is_noisy(scene) else (1.0 - KEPT, 1.0 - KEPT)
+    killed, part = (KILLED, 0.5 * KILLED) if is_noisy(run.scene) else (1.0 - KEPT, 1.0 - KEPT)
     levels = depth / -math.log(1.0 - killed)
-    steps = prepare_scene(scene).plan.grid.steps
-    return float(len(numbers) * members * (1.0 + part * levels) * steps)
+    return float(len(numbers) * members * (1.0 + part * levels) * run.plan.grid.steps)
 
 
 def compute_repetitions(
-    scene: Scene, request: Request, numbers: Sequence[int], threads: int, device: str | None
+    run: PreparedRun, request: Request, numbers: Sequence[int], threads: int, device: str | None
 ) -> list[TaskArrays]:
     """Compute repetitions and return their results."""
-    moved, score = make_score(scene, request["of"])
+    moved, score = make_score(run.scene, request["of"])
     given = moved, score, request["members"], request["target"], threads, device
     way = split if is_noisy(moved) else partial(descend, parts=_parts(score))
-    rows, seed = request.get("rows"), scene.run.seed
+    rows, seed = request.get("rows"), run.scene.run.seed
     return [way(*given, rows=rows, seed=seed + number).numbers() for number in numbers]
 
 
@@ -176,16 +170,18 @@ def _parts(score: Score) -> int:
     return 1 if score.event is None else PARTS
 
 
-def missing_repetitions(scene: Scene, request: Request, found: dict[int, TaskArrays]) -> list[int]:
+def missing_repetitions(
+    run: PreparedRun, request: Request, found: dict[int, TaskArrays]
+) -> list[int]:
     """Return the repetitions that are still missing."""
     return [i for i in range(request["repetitions"]) if i not in found]
 
 
 def reduce(
-    scene: Scene, request: Request, found: dict[int, TaskArrays], options: RareOptions
+    run: PreparedRun, request: Request, found: dict[int, TaskArrays], options: RareOptions
 ) -> xr.Dataset:
     """Return the Dataset of the finished repetitions."""
-    confidence = options.confidence
+    scene, confidence = run.scene, options.confidence
     numbers = sorted(found)
     p = np.array([float(found[i]["p"]) for i in numbers])
     steps = np.array([float(found[i]["steps"]) for i in numbers])
@@ -201,7 +197,7 @@ def reduce(
         "p": ((), value, f"probability of {request['of']}"),
         "p_low": ((), low, "lower end of its interval"),
         "p_high": ((), high, "upper end of its interval"),
-        "gain": ((), _gain(scene, value, 0.5 * (high - low), steps.sum(), confidence),
+        "gain": ((), _gain(run.plan.grid.steps, value, 0.5 * (high - low), steps.sum(), confidence),
                  "member-steps of plain sampling for the same interval / of this study"),
         "probability": (over[:1], p, "estimate of the repetition"),
         "member_steps": (over[:1], steps, "steps of all members of the repetition"),
@@ -259,14 +255,17 @@ def _padded(rows: list[NDArray[np.float64]], size: int) -> NDArray[np.float64]:
     return whole
 
 
-def _gain(scene: Scene, p: float, half: float, steps: float, confidence: float) -> float:
+def _gain(each: int, p: float, half: float, steps: float, confidence: float) -> float:
     """Return the member-steps of plain sampling for the same interval, divided by `steps`: with n
-    members its half-width is z (p (1 - p)/n)^(1/2)."""
+    members its half-width is z (p (1 - p)/n)^(1/2).
+
+    each : steps of a member
+    """
     if not (p > 0.0 and half > 0.0 and math.isfinite(half)):
         return math.nan
     z = float(stats.norm.ppf(0.5 + 0.5 * confidence))
     plain = p * (1.0 - p) * (z / half) ** 2
-    return plain * prepare_scene(scene).plan.grid.steps / float(steps)
+    return plain * each / float(steps)
 
 
 def _stuck(study: xr.Dataset) -> list[str]:
@@ -325,7 +324,13 @@ rare = Study(
     text=__doc__,
     options=RareOptions,
     work=Tasks(
-        start, missing_repetitions, compute_repetitions, cost_of, reduce, notes=notes, doubts=doubts
+        start,
+        missing_repetitions,
+        compute_repetitions,
+        cost_of,
+        reduce,
+        notes=lambda run: run.notes,
+        doubts=doubts,
     ),
     table=table,
     picture="rare_curve",
