@@ -135,7 +135,8 @@ def test_a_tolerance_without_an_integrator_means_auto():
             "auto",
             0.01,
             1e-6,
-        ) and idle(scene.run) == {}
+        )
+        assert idle(scene.run) == {}
     assert top.with_run(tolerance=1e-6).with_run(integrator="rk4").run.tolerance is None
     assert rm.Scene.loads(file.dumps()).run.integrator == "auto"
 
@@ -177,17 +178,12 @@ def test_an_override_drops_settings_that_it_makes_idle():
     scene = rm.Scene(
         BODY, start=SPUN, run=Run(turn=0.2, energy_limit=0.01, keep={"omega": "thinned"}, thin=5)
     )
-    assert (
-        scene.with_run(integrator="closed").run.energy_limit is None
-        and scene.with_run(integrator="closed").run.turn is None
-    )
-    assert (
-        scene.with_run(checks=False).run.energy_limit is None
-        and scene.with_run(keep="full").run.thin == 10
-    )
-    assert (
-        scene.with_run(save=("energy",)).run.keep == {} and scene.with_run(dt=0.1).run.turn is None
-    )
+    assert scene.with_run(integrator="closed").run.energy_limit is None
+    assert scene.with_run(integrator="closed").run.turn is None
+    assert scene.with_run(checks=False).run.energy_limit is None
+    assert scene.with_run(keep="full").run.thin == 10
+    assert scene.with_run(save=("energy",)).run.keep == {}
+    assert scene.with_run(dt=0.1).run.turn is None
     # all of it still has an effect
     assert scene.with_run(integrator="rk8").run == scene.run.model_copy(
         update={"integrator": "rk8"}
@@ -474,11 +470,9 @@ def test_correlated_moments_have_their_covariance_and_tails_are_flagged(tmp_path
         ds = rm.simulate(scene, output=str(tmp_path / "a.nc"))
     moments = ds.moments.values
     none = (2.0 * moments.max(0) > moments.sum(0)) | (moments.min(0) <= 0.0)
-    assert (
-        none.sum() == 347
-        and np.array_equal(ds.status.values == 2, none)
-        and (ds.status.values[~none] == 0).all()
-    )
+    assert none.sum() == 347
+    assert np.array_equal(ds.status.values == 2, none)
+    assert (ds.status.values[~none] == 0).all()
     # 4 sigma of the largest: 0.02 sqrt(2/4096) = 4.4e-4
     assert np.abs(np.cov(moments) - covariance).max() < 1.5e-3
     told = invoke("show", tmp_path / "a.nc").stdout
@@ -522,11 +516,9 @@ def test_a_rerun_saves_at_the_nearest_whole_number_of_steps(tmp_path):
         ),
     ):
         made = rm.rerun(path, 17, every=0.3)
-    assert (
-        made.sizes["time"] == 8
-        and abs(made.time.values[1] - 20.0 / 67.0) < 1e-15
-        and made.attrs["rerun"].startswith("equal to the bit")
-    )
+    assert made.sizes["time"] == 8
+    assert abs(made.time.values[1] - 20.0 / 67.0) < 1e-15
+    assert made.attrs["rerun"].startswith("equal to the bit")
     # a whole number: no note
     assert rm.rerun(path, 17, every="29.850746268656717 ms").sizes["time"] == 68
 

@@ -431,8 +431,6 @@ def test_a_command_with_all_streams_closed(tmp_path):
         capture_output=True,
         text=True,
     )
-    assert (
-        done.returncode == 74
-        and done.stderr.count("rigidmc:") == 1
-        and "No space left" in done.stderr
-    )
+    assert done.returncode == 74
+    assert done.stderr.count("rigidmc:") == 1
+    assert "No space left" in done.stderr

@@ -252,9 +252,8 @@ def test_a_changed_body_states_other_numbers():
     assert body.with_pivot(POINT).stated.pivot == tuple(POINT)
     assert body.with_pivot(POINT).with_pivot(POINT).stated is None
     free = rm.Body.from_tensor(TENSOR, 1.5, (0.1, 0.0, 0.6), about="centre").with_pivot_at_centre()
-    assert (
-        free.stated.is_free and free.tensor.tolist() == rm.Body.from_tensor(TENSOR).tensor.tolist()
-    )
+    assert free.stated.is_free
+    assert free.tensor.tolist() == rm.Body.from_tensor(TENSOR).tensor.tolist()
 
 
 @pytest.mark.parametrize(

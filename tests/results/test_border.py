@@ -307,10 +307,8 @@ def test_a_run_of_too_many_members_is_refused_before_it_is_counted(directory, fa
             and "is damaged" in done.stderr
         ), done.output
     # measured 0, 0.02 s
-    assert (
-        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1e5
-        and time.process_time() - began < 1.0
-    )
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1e5
+    assert time.process_time() - began < 1.0
 
 
 def test_the_status_of_ten_million_shards_is_quick(directory):
@@ -319,10 +317,8 @@ def test_the_status_of_ten_million_shards_is_quick(directory):
     assert invoke("status", directory.path).exit_code == 5
     # so much memory is not free
     assert invoke("resume", directory.path).exit_code == 74
-    assert (
-        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 3e5
-        and time.process_time() - began < 2.0
-    )
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 3e5
+    assert time.process_time() - began < 2.0
 
 
 def test_damaged_lines_of_the_journal_are_left_out(directory):

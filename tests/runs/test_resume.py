@@ -137,9 +137,8 @@ def test_a_run_is_opened_without_reading_it(whole, tmp_path):
     resume.resume(tmp_path / "part", only=range(2, 4))
     with pytest.warns(SceneWarning, match="384 of"):
         part = rm.open(str(tmp_path / "part"))
-    assert np.array_equal(part.member.values, np.arange(384, 768)) and np.array_equal(
-        part.omega_max.values, direct.omega_max.values[:, 384:768]
-    )
+    assert np.array_equal(part.member.values, np.arange(384, 768))
+    assert np.array_equal(part.omega_max.values, direct.omega_max.values[:, 384:768])
 
 
 def test_histograms_are_summed(tmp_path):
@@ -174,9 +173,8 @@ def test_damage_is_found_and_computed_again(whole, tmp_path):
             path.write_bytes(data)
         else:
             assert path.name in gather.verify(tmp_path / "run", spot=0)[0]
-            assert gather.repair(tmp_path / "run") == 1 and resume.resume(tmp_path / "run")[1][
-                "ok"
-            ] in (40, 192)
+            assert gather.repair(tmp_path / "run") == 1
+            assert resume.resume(tmp_path / "run")[1]["ok"] in (40, 192)
         assert sums(tmp_path / "run") == sums(whole)
 
 
@@ -528,10 +526,8 @@ def test_the_parts_of_a_job_array_are_one_run(whole, tmp_path):
     for k, part in enumerate(parts):
         started(part)
         resume.resume(part, only=range(2 * k, 2 * k + 2))
-    assert (
-        gather.merge(tmp_path / "all", parts[:2])[1] == 4
-        and gather.merge(tmp_path / "all", parts)[1] == 2
-    )
+    assert gather.merge(tmp_path / "all", parts[:2])[1] == 4
+    assert gather.merge(tmp_path / "all", parts)[1] == 2
     assert sums(tmp_path / "all") == sums(whole) and gather.verify(tmp_path / "all") == []
     started(tmp_path / "other", seed=5)
     with pytest.raises(FileError, match="seed"):
@@ -661,9 +657,9 @@ def test_a_shard_of_another_run_is_refused(whole, tmp_path):
         with pytest.raises(FileError, match="another run"):
             use()
     made = invoke("resume", f"{tmp_path}/run", "--repair")
-    assert (
-        made.exit_code == 0 and "1 damaged" in made.stdout and sums(tmp_path / "run") == sums(whole)
-    )
+    assert made.exit_code == 0
+    assert "1 damaged" in made.stdout
+    assert sums(tmp_path / "run") == sums(whole)
     shutil.copy(
         min((whole / "shards").iterdir()),
         tmp_path / "run" / "shards" / "00000001-0-0000000000000000.nc",
@@ -678,11 +674,9 @@ def test_part_of_a_run_is_told_as_part(tmp_path):
     with pytest.warns(SceneWarning, match="232 of 1,000 members exist"):
         rm.open(tmp_path / "run")
     told = invoke("summary", f"{tmp_path}/run")
-    assert (
-        told.exit_code == 0
-        and "232 of 1,000 members" in told.stdout
-        and "232 of 1,000" in told.stderr
-    )
+    assert told.exit_code == 0
+    assert "232 of 1,000 members" in told.stdout
+    assert "232 of 1,000" in told.stderr
     assert run_directory.status(tmp_path / "run")["rate"] == pytest.approx(
         232 / journal(tmp_path / "run")[-1]["seconds"]
     )
@@ -749,10 +743,8 @@ def test_bad_input_is_refused_before_anything_changes(whole, tmp_path):
     (tmp_path / "run" / "journal.jsonl").unlink()
     (tmp_path / "run" / "journal.jsonl").mkdir()
     resume.resume(tmp_path / "run")
-    assert (
-        sums(tmp_path / "run") == sums(whole)
-        and (tmp_path / "run" / "notes.part-2.txt").read_text() == "mine"
-    )
+    assert sums(tmp_path / "run") == sums(whole)
+    assert (tmp_path / "run" / "notes.part-2.txt").read_text() == "mine"
 
 
 def test_two_readers_of_a_run_do_not_mix(whole, tmp_path):
@@ -772,9 +764,8 @@ def test_two_readers_of_a_run_do_not_mix(whole, tmp_path):
     import dask
 
     one, two = dask.compute(early.omega.data, late.omega.data)
-    assert np.array_equal(two, rm.simulate(SCENE).omega.values) and np.array_equal(
-        one, np.delete(two, np.s_[192:384], axis=2)
-    )
+    assert np.array_equal(two, rm.simulate(SCENE).omega.values)
+    assert np.array_equal(one, np.delete(two, np.s_[192:384], axis=2))
 
 
 def test_a_shard_that_cannot_be_read_is_named(whole, tmp_path):
@@ -803,10 +794,8 @@ def test_the_process_that_ends_a_run_reports_flagged_members(tmp_path):
     started(tmp_path / "run", turn_limit=0.051)
     resume.resume(tmp_path / "run", only=range(3))
     assert invoke("resume", f"{tmp_path}/run", "--shards", "3:5").exit_code == 4
-    assert (
-        invoke("resume", f"{tmp_path}/run").exit_code == 4
-        and invoke("status", f"{tmp_path}/run").exit_code == 4
-    )
+    assert invoke("resume", f"{tmp_path}/run").exit_code == 4
+    assert invoke("status", f"{tmp_path}/run").exit_code == 4
     assert "none; in all: 369" in invoke("resume", f"{tmp_path}/run").stdout
     assert invoke("consolidate", f"{tmp_path}/run", "-o", f"{tmp_path}/one.nc").exit_code == 4
 
@@ -858,9 +847,8 @@ def test_commands(tmp_path):
     assert task.exit_code == 0 and "shards 0:1 are done; 4 shards of other jobs" in task.stdout
     assert "(1:5); `rigidmc merge`" in task.stdout
     assert invoke(*words).exit_code == 6
-    assert (
-        invoke(*words, "--force").exit_code == 3 and "--force" in invoke(*words, "--force").stderr
-    )
+    assert invoke(*words, "--force").exit_code == 3
+    assert "--force" in invoke(*words, "--force").stderr
     assert "not writable" in invoke(*words[:-1], "/proc/run/").stderr
     count = int(invoke(f"show {few}").stdout.split("directory")[1].split()[0])
     # the size of a shard is another there
@@ -869,20 +857,14 @@ def test_commands(tmp_path):
     assert invoke("status", run).exit_code == 5 and "1 of" in invoke("status", run).stdout
     assert invoke("resume", run, "--max-wall", "1e-9s").exit_code == 5
     assert invoke("resume", run, "--max-wall", "soon").exit_code == 3
-    assert (
-        invoke("resume", run).exit_code == 0
-        and invoke("status", run).exit_code == 0
-        and invoke("verify", run).exit_code == 0
-    )
+    assert invoke("resume", run).exit_code == 0
+    assert invoke("status", run).exit_code == 0
+    assert invoke("verify", run).exit_code == 0
     assert invoke("consolidate", run, "-o", tmp_path / "one.nc").exit_code == 0
-    assert (
-        invoke("extend", run, "--members", 30000).exit_code == 0
-        and "30,000 members" in invoke("status", run).stdout
-    )
+    assert invoke("extend", run, "--members", 30000).exit_code == 0
+    assert "30,000 members" in invoke("status", run).stdout
     sorted((tmp_path / "run" / "shards").iterdir())[1].write_bytes(b"nothing")
     assert invoke("verify", run).exit_code == 3
-    assert (
-        "1 damaged" in invoke("resume", run, "--repair").stdout
-        and invoke("verify", run).exit_code == 0
-    )
+    assert "1 damaged" in invoke("resume", run, "--repair").stdout
+    assert invoke("verify", run).exit_code == 0
     assert invoke("resume", tmp_path).exit_code == 3

@@ -39,9 +39,8 @@ def uniform(values, low, high):
 def test_a_sphere_is_exact_and_even():
     l = drawn(momentum=rm.Sphere(3.0))[0]["start_momentum"]
     assert np.abs(np.linalg.norm(l, axis=0) - 3.0).max() < 2e-15
-    assert all(uniform(x, -3.0, 3.0) for x in l) and uniform(
-        np.arctan2(l[1], l[0]), -math.pi, math.pi
-    )
+    assert all(uniform(x, -3.0, 3.0) for x in l)
+    assert uniform(np.arctan2(l[1], l[0]), -math.pi, math.pi)
 
 
 @pytest.mark.parametrize("axis", [1, 2, 3, -1, -2, -3])
@@ -137,10 +136,8 @@ def test_files_keep_them():
     ):
         scene = rm.Scene(body, start=rm.Start(momentum=vector))
         again = rm.Scene.loads(scene.dumps())
-        assert (
-            again.start.momentum == scene.start.momentum
-            and again.body.moments == scene.body.moments
-        )
+        assert again.start.momentum == scene.start.momentum
+        assert again.body.moments == scene.body.moments
         assert np.array_equal(starts(again, 0, 32, False)[0], starts(scene, 0, 32, False)[0])
 
 
@@ -150,12 +147,10 @@ def test_coarse_grids_span_the_same():
         start=rm.Start(omega=(0, 1, 0)),
     )
     moments, _, _ = scene.model.coarse().body.sample(0, 0, 4096)
-    assert (
-        moments[0].min() < 0.51
-        and moments[0].max() > 0.99
-        and moments[2].min() < 1.01
-        and moments[2].max() > 1.39
-    )
+    assert moments[0].min() < 0.51
+    assert moments[0].max() > 0.99
+    assert moments[2].min() < 1.01
+    assert moments[2].max() > 1.39
     assert scene.body.moments[0] == Grid(0.5, 1.0, 300, 16)
 
 
@@ -327,9 +322,8 @@ def test_sobol_points_are_scipys():
     # measured 2.2e-16: the quantiles are our own
     assert np.abs(w - (np.array([[0.3], [1.0], [0.2]]) + 0.1 * ndtri(true))).max() < 4e-16
     later = starts(scene, 96, 32, True)[1]["start_omega"]
-    assert np.array_equal(later, w[:, 96:128]) and np.array_equal(
-        starts(scene, 32, 32, False)[1]["start_omega"], w[:, 32:64]
-    )
+    assert np.array_equal(later, w[:, 96:128])
+    assert np.array_equal(starts(scene, 32, 32, False)[1]["start_omega"], w[:, 32:64])
 
 
 def test_a_latin_hypercube_has_one_member_in_every_stratum():
@@ -353,10 +347,8 @@ def test_points_fill_better_than_chance():
             means.append((w[0] * w[1] + np.sin(w[2]) * w[1] ** 2).mean())
         off[kind] = np.std(means)
     # measured 0.0064, 0.10
-    assert (
-        off["sobol"] < 0.02 * off["independent"]
-        and off["latin_hypercube"] < 0.5 * off["independent"]
-    )
+    assert off["sobol"] < 0.02 * off["independent"]
+    assert off["latin_hypercube"] < 0.5 * off["independent"]
 
 
 def test_nothing_drawn_needs_no_points():

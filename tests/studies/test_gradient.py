@@ -239,9 +239,10 @@ def test_the_path_of_an_observable_with_parameters():
     found = rm.gradient(scene, [f"mean({name})" for name in names], by, **run)
     means = [float(ds[f"d_{name}"].mean()) for name in names]
     assert np.abs(found.derivative[:, 0] - means).max() < 1e-14  # measured 2e-17
-    assert (found.method == "path").all() and np.isfinite(found.growth).values.tolist() == [
+    assert (found.method == "path").all()
+    assert (np.isfinite(found.growth).values.tolist() == [
         [True], [False], [False]
-    ]  # fmt: skip
+    ])  # fmt: skip
 
 
 def test_uniform_ends_have_no_likelihood_ratio_but_a_path():

@@ -52,10 +52,8 @@ def test_a_pixel_is_a_run_of_its_members(flips):
     for i, j in ((0, 3), (5, 9), (11, 2)):
         one = members_of(scene, i, j)
         good = one.status.values == 0
-        assert (
-            flips.good.values[i, j] == good.sum()
-            and flips.none.values[i, j] == (one.status.values == 2).sum()
-        )
+        assert flips.good.values[i, j] == good.sum()
+        assert flips.none.values[i, j] == (one.status.values == 2).sum()
         if good.any():
             found = one.flips.values[good].mean(), one.flip_wait.values[good].mean()
             assert (
@@ -68,9 +66,8 @@ def test_a_pixel_is_a_run_of_its_members(flips):
 def test_impossible_bodies_are_blank(flips):
     one, three = np.meshgrid(flips.x.values, flips.y.values)
     exists = three <= 1.0 + one
-    assert np.array_equal(flips.none.values == 0, exists) and np.array_equal(
-        np.isfinite(flips["mean(flips)"].values), exists
-    )
+    assert np.array_equal(flips.none.values == 0, exists)
+    assert np.array_equal(np.isfinite(flips["mean(flips)"].values), exists)
     assert not flips.failed.values.any() and set(flips.none.values.ravel()) == {0, EACH}
 
 
@@ -108,11 +105,9 @@ def test_the_sleeping_top_falls_within_a_pixel_of_theory():
 def test_the_picture_has_axes_units_and_a_legend(flips, tmp_path):
     figure = stability_map(flips)
     axes, bar = figure.axes
-    assert (
-        axes.get_xlabel() == "I₁, with I₂ = 1 [kg m²]"
-        and axes.get_ylabel() == "I₃, with I₂ = 1 [kg m²]"
-        and "[1/s]" in bar.get_ylabel()
-    )
+    assert axes.get_xlabel() == "I₁, with I₂ = 1 [kg m²]"
+    assert axes.get_ylabel() == "I₃, with I₂ = 1 [kg m²]"
+    assert "[1/s]" in bar.get_ylabel()
     words = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert "impossible body or start" in words and any("theory" in w for w in words)
     figure.savefig(tmp_path / "map.png", dpi=60)
@@ -177,11 +172,9 @@ def test_failed_members_are_never_stable():
         dt=1.2,
         t_end=840.0,
     )
-    assert (
-        (ds.failed.values == 4).all()
-        and np.isnan(ds["p(flips>=1)"].values).all()
-        and not ds.good.values.any()
-    )
+    assert (ds.failed.values == 4).all()
+    assert np.isnan(ds["p(flips>=1)"].values).all()
+    assert not ds.good.values.any()
 
 
 def free(**run):
@@ -197,12 +190,10 @@ def test_members_are_added_until_it_is_known_and_no_bit_differs():
     ds, found = simulate_until(
         free(), "p(flips >= 1) +- 0.004", progress=lambda n, _: looks.append(n)
     )
-    assert (
-        found.half <= 0.004
-        and looks[0] == 8192
-        and 2 <= len(looks) <= 4
-        and ds.sizes["member"] == looks[-1]
-    )
+    assert found.half <= 0.004
+    assert looks[0] == 8192
+    assert 2 <= len(looks) <= 4
+    assert ds.sizes["member"] == looks[-1]
     assert simulate_until(free(), "p(flips >= 1) +- 0.05")[0].sizes["member"] == 8192
     at_once = rm.simulate(free(), members=looks[-1])
     assert all(ds[name].values.tobytes() == at_once[name].values.tobytes() for name in ds.data_vars)

@@ -108,11 +108,9 @@ def test_pictures_and_summary(result):
         with pytest.raises(AttributeError, match="known"):
             _ = ds.rigid.plot.nothing
         text = ds.rigid.summary()
-    assert (
-        "64 members to 4 s with rk4" in text
-        and "energy_drift_max" in text
-        and "flagged: none" in text
-    )
+    assert "64 members to 4 s with rk4" in text
+    assert "energy_drift_max" in text
+    assert "flagged: none" in text
     assert invoke("summary", result).stdout.strip() == text
 
 

@@ -47,9 +47,7 @@ def test_a_scene_is_staged_by_the_table_of_rows(save):
         [len(marks) for _, marks in watched.running],
         bool(watched.growth),
     )
-    assert (
-        rows.events == block_rows(scene.effects, "work" in save)
-        and rows.end == rows.events + watched.rows
-    )
+    assert rows.events == block_rows(scene.effects, "work" in save)
+    assert rows.end == rows.events + watched.rows
     assert rows.works == layout.EFFECTS + 2
     assert rows.in_state(layout.EFFECTS) == layout.EFFECTS_AT

@@ -79,10 +79,8 @@ def test_no_flip_is_missed_and_none_invented(flipping):
     middle = np.argsort(moments, axis=1)[:, 1]
     start = np.take_along_axis(l, middle[:, None], 1)[:, 0] ** 2 / (l**2).sum(1)
     early = turns & (start > 0.25)  # the others come within the angle before they flip
-    assert (
-        np.isfinite(first[turns & (interval < 50.0)]).all()
-        and ((first <= interval) | (interval > 100.0))[early].all()
-    )
+    assert np.isfinite(first[turns & (interval < 50.0)]).all()
+    assert ((first <= interval) | (interval > 100.0))[early].all()
     expected = np.floor((100.0 - first) / interval) + 1.0
     assert (flips[turns] == np.where(np.isnan(first), 0.0, expected)[turns]).all()
 
@@ -168,9 +166,8 @@ def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step,
     first = ds.passage_first.values
     passed = np.isfinite(first)
     later = passed & (first > 0.0)
-    assert (
-        np.abs(cosine(np.where(passed, first, 0.0)) - math.cos(1.2))[later] < bound
-    ).all() and later.sum() > 80
+    assert (np.abs(cosine(np.where(passed, first, 0.0)) - math.cos(1.2))[later] < bound).all()
+    assert later.sum() > 80
     start = vertical(tuple(case.attitude.T))[2]
     assert ((first == 0.0) == (start <= math.cos(1.2))).all()
     t = np.linspace(0.0, 10.0, 10_001)
@@ -181,21 +178,17 @@ def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step,
     )
     if integrator == "rk8":
         assert (passed == (theta >= 1.2).any(0)).all()
+        assert np.abs(ds.nutation_min.values - theta.min(0)).max() < 5e-5
         assert (
-            np.abs(ds.nutation_min.values - theta.min(0)).max() < 5e-5
-            and np.abs(ds.nutation_max.values - theta.max(0)).max() < 5e-5
+            np.abs(ds.nutation_max.values - theta.max(0)).max() < 5e-5
         )  # measured 1.2e-5: of the times of the closed form, near the vertical
-        assert (
-            np.abs(ds.precession.values - (phi[-1] - phi[0])).max() < 1e-9
-            and np.abs(ds.precession.values).max() > 30.0
-        )
+        assert np.abs(ds.precession.values - (phi[-1] - phi[0])).max() < 1e-9
+        assert np.abs(ds.precession.values).max() > 30.0
     else:  # members that pass stay at the end of that step
         ends = np.arccos(np.clip(vertical(tuple(ds.attitude.values[-1]))[2], -1.0, 1.0))
-        assert (
-            (ends[later] >= 1.2).all()
-            and (ends[later] < 1.4).all()
-            and ds.passages.values.max() == 1.0
-        )
+        assert (ends[later] >= 1.2).all()
+        assert (ends[later] < 1.4).all()
+        assert ds.passages.values.max() == 1.0
         assert np.abs(ds.nutation_max.values[passed] - ends[passed])[later[passed]].max() < 1e-12
         assert np.array_equal(
             ds.attitude.values[-1][:, first == 0.0], ds.attitude.values[0][:, first == 0.0]
@@ -230,9 +223,8 @@ def test_statistics_are_those_of_the_trajectory():
     assert np.abs(ds.omega_mean.values - mean).max() < 1e-3
     assert np.abs(ds.omega_variance.values - (square - mean**2)).max() < 1e-3
     assert ds.energy_variance.attrs["units"] == "J2" and ds.omega_mean.dims == ("axis", "member")
-    assert (
-        ds.omega_variance.attrs["units"] == "rad2 s-2" and ds.energy_variance.values.max() < 1e-12
-    )
+    assert ds.omega_variance.attrs["units"] == "rad2 s-2"
+    assert ds.energy_variance.values.max() < 1e-12
 
 
 HEAVY = rm.Body.from_moments((1.0, 2.0, 2.8), mass=1.0, centre=(0.5, 0.5, 0.5))
@@ -267,11 +259,9 @@ def test_a_flagged_member_has_no_summary():
     spins = np.array([[0.01, 1.0, 0.0], [1e200, 1e200, 1e200], [0.01, 1.0, 0.0]])
     scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=tuple(spins.T)))
     ds = rm.simulate(scene, "rk8", dt=0.05, t_end=10.0, every=0.05, save=("omega", *STATISTICS))
-    assert (
-        ds.status.values[1] > 0
-        and np.isnan(ds.omega_max.values[:, 1]).all()
-        and np.isfinite(ds.omega_max.values[:, 0]).all()
-    )
+    assert ds.status.values[1] > 0
+    assert np.isnan(ds.omega_max.values[:, 1]).all()
+    assert np.isfinite(ds.omega_max.values[:, 0]).all()
     assert np.array_equal(ds.omega_mean.values[:, 0], ds.omega_mean.values[:, 2])
 
 
@@ -368,20 +358,16 @@ def test_histograms_are_streamed_and_those_of_the_members(tmp_path):
     of = rm.Histogram("omega[2]", -1.0, 0.95, 20), rm.Histogram("energy", 0.9, 1.1, 7)
     alone = rm.simulate(tumbling(), save=("momentum", *of), block=1024)
     both = rm.simulate(tumbling(), save=("omega", "energy", *of), output=str(tmp_path / "h.nc"))
-    assert (
-        "omega" not in alone
-        and alone.sizes["histogram_bin"] == 20
-        and alone.sizes["histogram_2_bin"] == 7
-    )
+    assert "omega" not in alone
+    assert alone.sizes["histogram_bin"] == 20
+    assert alone.sizes["histogram_2_bin"] == 7
     for i in range(5):
         values = both.omega.values[i, 1]
         assert np.array_equal(
             alone.histogram.values[i], np.histogram(values[values < 0.95], 20, (-1.0, 0.95))[0]
         )
-        assert (
-            alone.histogram_above.values[i] == (values >= 0.95).sum()
-            and alone.histogram_below.values[i] == (values < -1.0).sum()
-        )
+        assert alone.histogram_above.values[i] == (values >= 0.95).sum()
+        assert alone.histogram_below.values[i] == (values < -1.0).sum()
     assert all(
         np.array_equal(alone[name].values, both[name].values)
         for name in alone.data_vars
@@ -456,9 +442,8 @@ def test_a_member_that_stops_in_time_is_good():
         members=1,
         save=("passage", "omega_mean"),
     )
-    assert made.passage_first.values[0] == 0.0 and np.array_equal(
-        made.omega_mean.values[:, 0], [0.3, 0.01, 0.1]
-    )
+    assert made.passage_first.values[0] == 0.0
+    assert np.array_equal(made.omega_mean.values[:, 0], [0.3, 0.01, 0.1])
 
 
 def test_statistics_of_members_with_steps_of_their_own():

@@ -63,7 +63,8 @@ def test_one_file_is_all_that_an_observable_and_an_event_need(new):
     ds = rm.simulate(scene, members=3, dt=0.05, t_end=40.0, every=0.05, save=save)
     l = ds.momentum.values
     expected = np.stack([l[:, 0] ** 2, l[:, 1] ** 2 + l[:, 2] ** 2], 1)
-    assert ds.squares.dims == ("time", "part", "member") and list(ds.part.values) == [
+    assert ds.squares.dims == ("time", "part", "member")
+    assert list(ds.part.values) == [
         "along",
         "across",
     ]

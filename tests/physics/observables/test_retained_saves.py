@@ -141,11 +141,9 @@ def test_a_run_beyond_memory_or_disk_is_refused(tmp_path, monkeypatch):
         rm.simulate(SCENE, output=tmp_path / "one.nc")
     assert list(tmp_path.iterdir()) == []
     told = invoke("run tennis_racket -o", f"{tmp_path}/one.nc")
-    assert (
-        told.exit_code == 74
-        and told.stderr.count("rigidmc:") == 1
-        and "nothing was written" in told.stderr
-    )
+    assert told.exit_code == 74
+    assert told.stderr.count("rigidmc:") == 1
+    assert "nothing was written" in told.stderr
 
 
 def test_threads_beyond_the_blocks_take_no_memory(monkeypatch):
@@ -204,9 +202,8 @@ def test_one_bad_member_of_a_million():
             )
         )
     good, one = ends
-    assert (good.status.values == 0).all() and np.array_equal(
-        np.flatnonzero(one.status.values), [bad]
-    )
+    assert (good.status.values == 0).all()
+    assert np.array_equal(np.flatnonzero(one.status.values), [bad])
     assert one.flagged_member.values.tolist() == [bad] and one.omega_flagged.shape == (6, 3, 1)
     # 0: of the momentum that is kept
     np.testing.assert_allclose(one.omega_flagged.values[0, :, 0], [0.01, 1e200, 0.01], 1e-15)

@@ -211,9 +211,8 @@ omega = [0.0, 0.0, 1.0]
 """
     (tmp_path / "scene.toml").write_text(text)
     body = rm.Scene.load(tmp_path / "scene.toml").body
-    assert body.mass == pytest.approx(2.0, rel=1e-15) and body.centre[2] == pytest.approx(
-        1.0, abs=0.02
-    )
+    assert body.mass == pytest.approx(2.0, rel=1e-15)
+    assert body.centre[2] == pytest.approx(1.0, abs=0.02)
     # another body drops the file and its options, but a mass is a mass
     settings = [("body.moments", "[3, 3, 2.5]"), ("body.pivot", '"centre"')]
     moved = rm.Scene.load(tmp_path / "scene.toml", settings).body
