@@ -33,6 +33,7 @@ from rigidmc.physics.dynamics.so3 import (
     minimum,
     multiply,
     normalised,
+    root,
     scale,
     select,
     select_all,
@@ -40,6 +41,7 @@ from rigidmc.physics.dynamics.so3 import (
     spin,
     vertical,
 )
+from rigidmc.physics.effects.flows import symmetric_times
 from rigidmc.physics.effects.protocol import Effect, Number, Vector, effect
 from rigidmc.physics.effects.sums import state_rates
 from rigidmc.physics.integrators.protocol import Integrator
@@ -92,6 +94,7 @@ __all__ = [
     "number",
     "numbers",
     "observable",
+    "root",
     "running",
     "sample",
     "scale",
@@ -101,6 +104,7 @@ __all__ = [
     "sincos",
     "spin",
     "state_rates",
+    "symmetric_times",
     "vertical",
 ]
 

@@ -117,7 +117,8 @@ def torque_operations(effect: Any) -> Operations:
 def refuse_uncompilable(effects: Iterable[Any]) -> None:
     """Raise SceneError for a custom effect that allocates memory or cannot be compiled."""
     for effect in effects if not config.DISABLE_JIT else ():
-        why_scalar(effect)
+        if type(effect) not in EFFECTS.values():
+            why_scalar(effect)
 
 
 def compilation_error(
@@ -141,9 +142,7 @@ def compilation_error(
 
 
 def why_scalar(effect: Any) -> str:
-    """Return why members cannot be worked on side by side with a custom effect, or ""."""
-    if type(effect) in EFFECTS.values():
-        return ""
+    """Return why members cannot be worked on side by side with an effect, or ""."""
     return _why_scalar_part("effects", effect, blank((effect,)), (), _all_methods)
 
 
@@ -233,7 +232,8 @@ def scalar_parts(
     """
     if config.DISABLE_JIT:
         return []
-    reasons = [(type(effect).__name__, why_scalar(effect)) for effect in effects]
+    custom = [effect for effect in effects if type(effect) not in EFFECTS.values()]
+    reasons = [(type(effect).__name__, why_scalar(effect)) for effect in custom]
     parts = [
         ("run", integrator, _probe_integrator),
         *(("observables", observable, _probe_observable) for observable in watched),

@@ -20,174 +20,48 @@ from rigidmc.runs.directory.resume import resume
 
 ROOT = Path(__file__).parents[2]
 
+PAGE = (ROOT / "docs/contributing.md").read_text("utf-8")
+
+
+def recipe(title, place=0):
+    """One of the Python texts below a title of the page."""
+    section = PAGE.split(f"## {title}\n")[1].split("\n## ")[0]
+    return re.findall(r"```python\n(.*?)```", section, re.S)[place]
+
+
 # kind: (file, its text, file of the registry, line there before which the new line goes, new line)
 NEW = {
     "effect": (
         "physics/effects/torsion.py",
-        '''
-"""A torsion spring."""
-
-import math
-from typing import NamedTuple
-
-from rigidmc.physics.dynamics.so3 import cross, dot, into_body, scale
-from rigidmc.physics.effects.protocol import Number, effect
-
-_ONE = (1.0, 0.0, 0.0)
-
-
-@effect(units={"stiffness": "N m"}, limits={"stiffness": (0.0, math.inf)}, example=(3.0,))
-class TorsionSpring(NamedTuple):
-    """A spring that turns the body axis 1 towards the space axis x.
-
-    stiffness : [N m]
-    """
-
-    stiffness: Number
-
-    def torque(self, q):
-        return scale(self.stiffness, cross(_ONE, into_body(q, _ONE)))
-
-    def energy(self, q):
-        return self.stiffness * (1.0 - dot(_ONE, into_body(q, _ONE)))
-
-    def energy_scale(self):
-        return 2.0 * self.stiffness
-''',
+        recipe("Add an effect"),
         "physics/effects/__init__.py",
         "from rigidmc.physics.effects.field import UniformField",
         "from rigidmc.physics.effects.torsion import TorsionSpring as TorsionSpring",
     ),
     "integrator": (
         "physics/integrators/cash_karp.py",
-        '''
-"""The fifth-order part of Cash and Karp's pair."""
-
-from typing import NamedTuple
-
-from rigidmc.physics.dynamics.euler import scaled
-from rigidmc.physics.dynamics.so3 import add_compensated, add_compensated4, value_of
-from rigidmc.physics.integrators.rk8 import linear_combination, state_rates
-
-_START = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-
-
-class CashKarp(NamedTuple):
-    """Explicit Runge-Kutta of order 5 with six stages. Source: Cash & Karp 1990."""
-
-    order = 5
-    evaluations = 6
-    is_reversible = False
-    conserves = ()
-    accepts = "any torque"
-    compensated = True
-    max_turn = 3.0
-
-    def step(self, body, effects, t, h, q, l):
-        y, rates = (value_of(q), value_of(l)), scaled(body, h)
-        k1 = state_rates(rates, effects, body, t, h, y[0], y[1])
-        z = linear_combination(y, (1 / 5,), (k1,))
-        k2 = state_rates(rates, effects, body, t + h / 5, h, z[0], z[1])
-        z = linear_combination(y, (3 / 40, 9 / 40), (k1, k2))
-        k3 = state_rates(rates, effects, body, t + 3 * h / 10, h, z[0], z[1])
-        z = linear_combination(y, (3 / 10, -9 / 10, 6 / 5), (k1, k2, k3))
-        k4 = state_rates(rates, effects, body, t + 3 * h / 5, h, z[0], z[1])
-        z = linear_combination(y, (-11 / 54, 5 / 2, -70 / 27, 35 / 27), (k1, k2, k3, k4))
-        k5 = state_rates(rates, effects, body, t + h, h, z[0], z[1])
-        a6 = (1631 / 55296, 175 / 512, 575 / 13824, 44275 / 110592, 253 / 4096)
-        z = linear_combination(y, a6, (k1, k2, k3, k4, k5))
-        k6 = state_rates(rates, effects, body, t + 7 * h / 8, h, z[0], z[1])
-        b = (37 / 378, 250 / 621, 125 / 594, 512 / 1771)
-        dq, dl = linear_combination(_START, b, (k1, k3, k4, k6))
-        return add_compensated4(q, dq), add_compensated(l, dl)
-
-
-INTEGRATORS = {"cash_karp": CashKarp()}
-''',
+        recipe("Add an integrator"),
         "physics/integrators/__init__.py",
         '    "lie",',
         '    "cash_karp",',
     ),
     "observable": (
         "physics/observables/vertical.py",
-        '''
-"""The angular momentum about the vertical."""
-
-from typing import NamedTuple
-
-from rigidmc.physics.dynamics.so3 import dot, vertical
-from rigidmc.physics.observables.protocol import observable
-
-
-@observable(units="kg m2 s-1", long_name="angular momentum about the vertical", dims=())
-class VerticalMomentum(NamedTuple):
-    """Angular momentum about the vertical, L . A^T e_z."""
-
-    def value(self, q, l):
-        return (dot(vertical(q), l),)
-''',
+        recipe("Add an observable or an event"),
         "physics/observables/__init__.py",
         "from rigidmc.physics.observables.state import Work",
         "from rigidmc.physics.observables.vertical import VerticalMomentum as VerticalMomentum",
     ),
     "event": (
         "physics/observables/horizontal.py",
-        '''
-"""How often axis 3 comes vertical through the horizontal."""
-
-from typing import NamedTuple
-
-from rigidmc.physics.dynamics.so3 import vertical
-from rigidmc.physics.observables.protocol import event
-
-
-@event(outputs={"rises": ("1", "how often axis 3 came vertical through the horizontal", ())})
-class Horizontal(NamedTuple):
-    """How often axis 3 comes vertical through the horizontal plane."""
-
-    def level(self, q):
-        return vertical(q)[2]
-
-    def results(self, record):
-        return {"rises": record.count}
-''',
+        recipe("Add an observable or an event", 1),
         "physics/observables/__init__.py",
         "from rigidmc.physics.observables.passage import Passage",
         "from rigidmc.physics.observables.horizontal import Horizontal as Horizontal",
     ),
     "law": (
         "scene/vector_distributions/ring.py",
-        '''
-"""Vectors in a plane."""
-
-from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
-
-from rigidmc.physics.dynamics.functions import cosine, sine
-from rigidmc.scene.vector_distributions.protocol import VectorDistribution, number
-from rigidmc.scene.vector_distributions.vectors import AROUND
-from rigidmc.scene.quantities import draw
-
-
-@dataclass(frozen=True)
-class Ring(VectorDistribution):
-    """A vector of given size in the plane of the axes 1 and 2, in any direction."""
-
-    size: Any
-
-    name = "ring"
-    variables = ("omega", "momentum")
-    scaling = {"size": 1}
-
-    def check(self, at):
-        return Ring(number(self.size, f"{at}.size", least=0.0))
-
-    def sample(self, source, name, first, count, facts):
-        size, angle = draw((self.size, AROUND), source, f"{name}.ring", first, count)
-        return np.stack([size * cosine(angle), size * sine(angle), np.zeros(count)])
-''',
+        recipe("Add a distribution of starts"),
         "scene/vector_distributions/__init__.py",
         "from rigidmc.scene.vector_distributions.attitudes import Fisher",
         "from rigidmc.scene.vector_distributions.ring import Ring as Ring",
@@ -223,18 +97,7 @@ def new_map():
     ),
     "subcommand": (
         "cli/hello.py",
-        '''
-"""rigidmc hello."""
-
-from typing import Any
-
-from rigidmc.cli.options import add_setting_options
-
-
-@add_setting_options("dt")
-def hello_command(run: dict[str, Any]) -> None:
-    print(f"hello, {run}")
-''',
+        recipe("Add a command"),
         "cli/commands.py",
         '    "doctor": Entry(',
         '    "hello": Entry("hello", REFERENCE, "Say hello."),',
@@ -319,6 +182,15 @@ def test_the_generic_tests_take_what_is_new(extended):
     assert passed >= 12, ended.stdout  # measured 18
 
 
+@pytest.mark.slow  # 20 s
+def test_all_tests_are_found_beside_what_is_new(extended):
+    """A list of all parts in a test module, filled by hand, would stop here."""
+    for name in (".github", "docs", "bench", "README.md", "CITATION.cff", "CHANGELOG.md"):
+        (extended / name).symlink_to(ROOT / name)
+    ended = run(extended, "-m", "pytest", "-q", "-n", "0", "--collect-only", "tests")
+    assert ended.returncode == 0, ended.stdout[-3000:]
+
+
 def test_scene_files_and_python_take_what_is_new(extended):
     (extended / "new.toml").write_text(
         "[body]\nmoments = [1.0, 1.4, 2.0]\n[effects.torsion_spring]\nstiffness = 3.0\n"
@@ -367,10 +239,8 @@ def test_the_command_line_takes_what_is_new(extended):
 @pytest.fixture(scope="module")
 def recurrence(extended):
     """The copy with the files of docs/contributing.md to the letter, which make a study."""
-    page = (ROOT / "docs/contributing.md").read_text("utf-8")
-    section = page.split("## Add a study\n")[1].split("\n## ")[0]
-    study, picture = re.findall(r"```python\n(.*?)```", section, re.S)
-    (entry,) = re.findall(r"```\n( .*?)\n```", section, re.S)
+    study, picture = (recipe("Add a study", place) for place in range(2))
+    (entry,) = re.findall(r"```\n( {4}\"recurrence.*?)\n```", PAGE, re.S)
     folder = extended / "rigidmc" / "studies" / "recurrence"
     folder.mkdir()
     for name, text in (("__init__", ""), ("study", study), ("picture", picture)):

@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from rigidmc.engine.inspection import why_scalar
+from rigidmc.engine.machine import is_uncompiled
 from rigidmc.physics.dynamics.euler import MassProperties, angular_velocity
 from rigidmc.physics.dynamics.methods import argument_names, implements
 from rigidmc.physics.dynamics.so3 import cross, dot, exponential, multiply, vertical
@@ -119,6 +121,13 @@ def test_every_effect_has_an_example_of_all_its_parameters():
 @pytest.mark.parametrize("name", REFERENCE)
 def test_torque_is_that_of_the_law_in_space(name):
     assert reference_error(EXAMPLES[name], name) < 5e-14  # measured 1.2e-14
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_all_methods_compile_for_members_side_by_side(name):
+    """What runs in Python may be unknown to the compiler, such as a generator expression."""
+    if not is_uncompiled():
+        assert why_scalar(EFFECTS[name](*EFFECTS[name].example)) == ""
 
 
 @EVERY
