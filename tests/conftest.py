@@ -2,8 +2,10 @@
 
 import functools
 import gc
+import json
 import os
 from collections import Counter
+from pathlib import Path
 
 import pytest
 import typer.main
@@ -34,54 +36,10 @@ typer.testing._get_command = functools.cache(typer.main.get_command)
 # Files that compile nothing and fail within seconds if a step or Euler's equations are wrong.
 FIRST = ("tests/physics/integrators/test_steps.py", "tests/physics/dynamics/test_euler.py")
 
-# Files that take 10 to 70 s of a processor, the longest first: at the end one worker would wait for
-# them.
-LONG = (
-    "tests/runs/test_resume.py",
-    "tests/engine/test_cuda.py",
-    "tests/physics/observables/test_monitoring.py",
-    "tests/engine/test_bits.py",
-    "tests/views/test_pictures.py",
-    "tests/studies/test_framework.py",
-    "tests/physics/integrators/test_precision.py",
-    "tests/engine/kernel/test_last_interval.py",
-    "tests/whole/test_docstrings.py",
-    "tests/whole/test_hostile.py",
-    "tests/results/test_export.py",
-    "tests/physics/observables/test_chaos.py",
-    "tests/studies/test_rare.py",
-    "tests/physics/effects/test_user.py",
-    "tests/planning/test_choose.py",
-    "tests/engine/compiler/test_cache_of_user_parts.py",
-    "tests/whole/test_random_scenes.py",
-    "tests/whole/test_properties.py",
-    "tests/cli/test_commands.py",
-    "tests/results/test_border.py",
-    "tests/physics/effects/test_work.py",
-    "tests/physics/effects/test_dissipation.py",
-    "tests/studies/test_multilevel.py",
-    "tests/engine/compiler/test_cache.py",
-    "tests/physics/integrators/test_integrators.py",
-    "tests/physics/integrators/test_published.py",
-    "tests/physics/observables/test_angles.py",
-    "tests/studies/test_stored_maps.py",
-    "tests/engine/test_compile_time.py",
-    "tests/whole/test_independence_of_saves.py",
-    "tests/physics/observables/test_dwell.py",
-    "tests/physics/observables/test_directions.py",
-    "tests/files/test_outputs.py",
-    "tests/studies/test_adaptive_maps.py",
-    "tests/engine/compiler/test_code_size.py",
-    "tests/studies/test_sections.py",
-    "tests/studies/test_sensitivity.py",
-    "tests/views/test_viewer.py",
-    "tests/whole/test_new_parts.py",
-    "tests/cli/test_text_input.py",
-    "tests/scene/test_satellites.py",
-    "tests/planning/test_closed_form.py",
-    "tests/statistics/test_censored.py",
-    "tests/files/test_helpers.py",
-)
+# {file: seconds of a processor}: the longest run first, else one worker would wait for them at the
+# end. `RECORD_DURATIONS=1 pytest` measures them anew.
+DURATIONS = Path(__file__).parent / "tools" / "durations.json"
+measured: Counter[str] = Counter()
 
 # The same examples every time; HYPOTHESIS_PROFILE=nightly draws many more, and new ones.
 settings.register_profile("reproducible", derandomize=True, deadline=None)
@@ -102,14 +60,25 @@ def pytest_collection_finish():
     gc.set_threshold(20_000, 20, 100)
 
 
+def pytest_runtest_logreport(report):
+    """Add up the seconds of each file; workers send their reports to the process that writes."""
+    measured[report.nodeid.partition("::")[0]] += report.duration
+
+
+def pytest_sessionfinish(session):
+    """Write the files that take 5 s or more, where it is asked for."""
+    if "RECORD_DURATIONS" in os.environ and not hasattr(session.config, "workerinput"):
+        long = {name: round(s) for name, s in measured.most_common() if s >= 5.0}
+        DURATIONS.write_text(json.dumps(long, indent=1) + "\n", "utf-8")
+
+
 def pytest_collection_modifyitems(items):
-    """FIRST, then LONG, then the files with the most tests, so that workers end together."""
-    sizes = Counter(item.path for item in items)
-    order = FIRST + LONG
+    """FIRST, then the longest, then those with the most tests, so that workers end together."""
+    sizes, known = Counter(item.path for item in items), json.loads(DURATIONS.read_text("utf-8"))
 
     def place(item):
         name = item.path.relative_to(item.config.rootpath).as_posix()
-        return order.index(name) if name in order else len(order), -sizes[item.path]
+        return name not in FIRST, -known.get(name, 0), -sizes[item.path]
 
     items.sort(key=place)
     # Tests of limits, sick starts and random scenes flag members on purpose. The warning itself is

@@ -71,40 +71,23 @@ CUBE = """solid cube
 ) + "endsolid cube\n"  # fmt: skip
 BOUNDS = "group,case,integrator,bound,measured\nH1,axis spin,rk4,1e-3,1e-4\n"
 WORDS = (
-    "days since 2000-01-01",
-    "seconds",
-    "klingon",
-    "",
-    "\x00",
-    "$\\frac{",
-    "x" * 100_000,
-    "[[[[",
-    "1e400",
-    "nan",
-    "K",
-    "ü\u202e",
-)
+    "days since 2000-01-01", "seconds", "klingon", "", "\x00", "$\\frac{", "x" * 100_000, "[[[[",
+    "1e400", "nan", "K", "ü\u202e",
+)  # fmt: skip
 NUMBERS = (
-    0,
-    -1,
-    1,
-    99,
-    2**31,
-    2**53,
-    2**62,
-    -(2**63),
-    1e-320,
-    1e308,
-    -1e308,
-    math.nan,
-    math.inf,
-    0.5,
+    0, -1, 1, 99, 2**31, 2**53, 2**62, -(2**63), 1e-320, 1e308, -1e308, math.nan, math.inf, 0.5,
     1e-9,
-)
-ATTRIBUTES = ("units", "_FillValue", "missing_value", "scale_factor", "add_offset", "calendar",
-    "_Encoding", "coordinates", "_Unsigned",
-              "dtype", "significant_digits", "conserved", "flag_values", "bounds", "grid_mapping",
-              "long_name", "valid_range")  # fmt: skip
+)  # fmt: skip
+ATTRIBUTES = (
+    "units", "_FillValue", "missing_value", "scale_factor", "add_offset", "calendar", "_Encoding",
+    "coordinates", "_Unsigned", "dtype", "significant_digits", "conserved", "flag_values", "bounds",
+    "grid_mapping", "long_name", "valid_range",
+)  # fmt: skip
+
+
+def word_of(some, text):
+    """A random word of a text."""
+    return some.choice(text.split())
 
 
 def odd(some):
@@ -138,17 +121,14 @@ def restructured(some, data):
         table = data
         for word in path:
             table = table[word]
-        what = some.choice(
-            ("value", "value", "value", "number", "gone", "renamed", "nested", "many", "added")
-        )
+        what = word_of(some, "value value value number gone renamed nested many added")
         old = table.pop(key) if what in ("gone", "renamed") else table[key]
         if what == "value":
             table[key] = odd(some)
         elif what == "number" and isinstance(old, (int, float)):
+            is_like = some.random() < 0.7
             table[key] = (
-                type(old)(old * some.choice((-1, 0, 2, 3)))
-                if some.random() < 0.7
-                else some.choice(NUMBERS)
+                type(old)(old * some.choice((-1, 0, 2, 3))) if is_like else some.choice(NUMBERS)
             )
         elif what == "renamed" and isinstance(table, dict):
             table[f"{key}_"] = old
@@ -185,7 +165,7 @@ def bytes_of(some, data):
     data = bytearray(data)
     for _ in range(some.choice((1, 1, 2, 5, 30))):
         at = some.randrange(len(data) + 1)
-        what = some.choice(("flip", "flip", "byte", "cut", "insert", "twice"))
+        what = word_of(some, "flip flip byte cut insert twice")
         if what == "flip" and data:
             data[at % len(data)] ^= 1 << some.randrange(8)
         elif what == "byte" and data:
@@ -214,7 +194,7 @@ def text_of(some, text):
 
 def hostile_text(some, text, load, dump):
     """The bytes of a hostile copy of a structured text."""
-    what = some.choice(("bytes", "text", "structure", "structure"))
+    what = word_of(some, "bytes text structure structure")
     if what == "bytes":
         return bytes_of(some, text.encode())
     if what == "text":
@@ -271,30 +251,26 @@ class Stored:
             for name, (dims, dtype, attrs, values) in self.variables.items():
                 sizes = [self.dims[d] for d in dims]
                 big = math.prod(s or 1 for s in sizes) > 10**6
-                made = file.createVariable(
-                    name,
-                    dtype,
-                    dims,
-                    chunksizes=[min(s or 8, 64) for s in sizes] if big else None,
-                    fill_value=attrs.get("_FillValue"),
-                )
+                chunks = [min(s or 8, 64) for s in sizes] if big else None
+                fill = attrs.get("_FillValue")
+                made = file.createVariable(name, dtype, dims, chunksizes=chunks, fill_value=fill)
                 made.set_auto_maskandscale(False)
                 made.set_auto_chartostring(False)
                 for word, value in attrs.items():
                     if word != "_FillValue":
                         made.setncattr(word, value)
                 if not big and values.size:
-                    whole = np.resize(
-                        values,
-                        [
-                            s if s is not None else values.shape[min(i, values.ndim - 1)]
-                            for i, s in enumerate(sizes)
-                        ],
-                    )
+                    least = values.ndim - 1
+                    of = values.shape
+                    shape = [of[min(i, least)] if s is None else s for i, s in enumerate(sizes)]
+                    whole = np.resize(values, shape)
                     with np.errstate(all="ignore"):
                         made[:] = whole if dtype is str else whole.astype(dtype)
             for name, value in self.attrs.items():
                 file.setncattr(name, value)
+
+
+UNWRITABLE = KeyError, AttributeError, IndexError, OverflowError
 
 
 def hostile_netcdf(some, stored, path):
@@ -306,16 +282,7 @@ def hostile_netcdf(some, stored, path):
                 _change(some, made)
             made.write(path)
             return
-        except (
-            OSError,
-            RuntimeError,
-            TypeError,
-            ValueError,
-            KeyError,
-            AttributeError,
-            IndexError,
-            OverflowError,
-        ):  # what cannot be written
+        except (*UNWRITABLE, OSError, RuntimeError, TypeError, ValueError):
             if os.path.exists(path):
                 os.unlink(path)
     made = copy.deepcopy(stored)
@@ -332,25 +299,8 @@ def _attribute(some):
 def _change(some, made):
     name = some.choice(sorted(made.variables))
     variable = made.variables[name]
-    what = some.choice(
-        (
-            "scene",
-            "scene",
-            "global",
-            "attribute",
-            "attribute",
-            "gone",
-            "rename",
-            "long",
-            "dims",
-            "type",
-            "values",
-            "values",
-            "extra",
-            "huge",
-            "member",
-        )
-    )
+    rare = "global gone rename long dims type extra huge member"
+    what = word_of(some, f"scene scene attribute attribute values values {rare}")
     if what == "scene" and "scene" in made.attrs:
         made.attrs["scene"] = hostile_toml(some, made.attrs["scene"]).decode("utf-8", "replace")
     elif what == "global":
@@ -369,46 +319,27 @@ def _change(some, made):
             (0, 1, 99, 2**40, 2**53, 1000, None)
         )
     elif what == "dims":
-        variable[0] = tuple(
-            some.choice(
-                (
-                    variable[0][::-1],
-                    variable[0][1:],
-                    (*variable[0], variable[0][-1]),
-                    ("axis",),
-                    ("time", "member"),
-                    ("member",),
-                )
-            )
-        )
+        dims = variable[0]
+        others = ("axis",), ("time", "member"), ("member",)
+        variable[0] = tuple(some.choice((dims[::-1], dims[1:], (*dims, dims[-1]), *others)))
     elif what == "type":
         variable[1] = some.choice((str, "S1", "i1", "i8", "u2", "f4", "f8"))
     elif what == "values":
-        variable[3] = np.asarray(
-            some.choice((np.nan, np.inf, -1, 0, 1e308, 77, 2**53, 1e-320, -1e308))
-            + 0.0 * np.zeros(variable[3].shape)
-        )
+        number = some.choice((np.nan, np.inf, -1, 0, 1e308, 77, 2**53, 1e-320, -1e308))
+        variable[3] = np.asarray(number + np.zeros(variable[3].shape))
         if some.random() < 0.5:
             variable[3] = variable[3] + np.arange(variable[3].size).reshape(variable[3].shape)
     elif what == "extra":
-        made.variables[some.choice(("extra", "omega_mean", "mass2", "x" * 200))] = [
-            variable[0],
-            some.choice((str, "f8", "S1")),
-            {},
-            np.zeros(variable[3].shape),
-        ]
+        name, values = some.choice(("extra", "omega_mean", "mass2", "x" * 200)), variable[3]
+        zeros = np.zeros(values.shape)
+        made.variables[name] = [variable[0], some.choice((str, "f8", "S1")), {}, zeros]
     elif what == "huge":
         made.dims["huge"] = some.choice((2**40, 2**31, 10**7))
-        made.variables[some.choice(("huge", name))] = [
-            ("huge", *variable[0]),
-            "f8",
-            {},
-            np.zeros(1),
-        ]
+        whole = [("huge", *variable[0]), "f8", {}, np.zeros(1)]
+        made.variables[some.choice(("huge", name))] = whole
     elif what == "member" and "member" in made.variables:
-        made.variables["member"][3] = np.array(
-            [some.choice((0, -5, 2**53 - 1, 10**9, 39))] * 40
-        ) + np.arange(40) * some.choice((0, 1, 1))
+        first = np.array([some.choice((0, -5, 2**53 - 1, 10**9, 39))] * 40)
+        made.variables["member"][3] = first + np.arange(40) * some.choice((0, 1, 1))
 
 
 def hostile_kind(some, path):
@@ -417,15 +348,14 @@ def hostile_kind(some, path):
         shutil.rmtree(path)
     elif os.path.lexists(path):
         os.unlink(path)
-    what = some.choice(("pipe", "folder", "zero", "loop", "nothing", "empty", "socket", "tty"))
+    what = word_of(some, "pipe folder zero loop nothing empty socket tty")
     if what == "pipe":
         os.mkfifo(path)
     elif what == "folder":
         os.mkdir(path)
     elif what in ("zero", "loop", "tty"):
-        os.symlink(
-            {"zero": "/dev/zero", "loop": os.path.basename(path), "tty": "/dev/full"}[what], path
-        )
+        ends = {"zero": "/dev/zero", "loop": os.path.basename(path), "tty": "/dev/full"}
+        os.symlink(ends[what], path)
     elif what == "empty":
         open(path, "wb").close()
     elif what == "socket" and len(path) < 100:
@@ -443,12 +373,9 @@ class Good:
     def __init__(self, folder):
         self.folder = os.fspath(folder)
         some = random.Random(3)
-        (
-            self.at("scene.toml", SCENE),
-            self.at("table.toml", TABLE),
-            self.at("tetra.stl", CUBE),
-            self.at("bounds.csv", BOUNDS),
-        )
+        files = {"scene.toml": SCENE, "table.toml": TABLE, "tetra.stl": CUBE, "bounds.csv": BOUNDS}
+        for name, text in files.items():
+            self.at(name, text)
         self.at(
             "rows.csv",
             "third,spin\n"
@@ -506,15 +433,14 @@ def hostile_result(some, good, folder):
 
 def hostile_scene(some, good, folder):
     """A hostile scene, or a table beside a good one; the path of the scene."""
-    name = some.choice(("scene.toml", "scene.toml", "table.toml"))
+    name = word_of(some, "scene.toml scene.toml table.toml")
     for other in ("rows.csv", "rows.nc"):
         shutil.copy(good.at(other), folder)
     path = os.path.join(folder, "hostile.toml")
     with open(good.at(name), encoding="utf-8") as file:
         text = file.read()
-    target = (
-        some.choice((path, path, path, "rows.csv", "rows.nc")) if name == "table.toml" else path
-    )
+    others = (path, path, path, "rows.csv", "rows.nc")
+    target = some.choice(others) if name == "table.toml" else path
     with open(path, "wb") as file:
         file.write(hostile_toml(some, text) if target == path else text.encode())
     if some.random() < 0.05:
@@ -532,22 +458,10 @@ def hostile_scene(some, good, folder):
 def hostile_run(some, good, folder):
     """A hostile run directory; its path."""
     path = os.path.join(folder, "hostile-run")
-    shutil.copytree(good.at(some.choice(("scene-run", "part-run", "table-run"))), path)
+    shutil.copytree(good.at(word_of(some, "scene-run part-run table-run")), path)
     shards = sorted(os.listdir(os.path.join(path, "shards")))
-    names = [
-        "run.json",
-        "run.json",
-        "run.json",
-        "scene.toml",
-        "journal.jsonl",
-        "journal.jsonl",
-        "columns.nc",
-        "lock",
-        f"shards/{some.choice(shards)}",
-        "shards",
-        "left",
-    ]
-    name = some.choice(names)
+    names = [*["run.json"] * 3, "scene.toml", *["journal.jsonl"] * 2, "columns.nc", "lock"]
+    name = some.choice([*names, f"shards/{some.choice(shards)}", "shards", "left"])
     target = os.path.join(path, name)
     if name == "left":  # by writers that were killed, according to the names
         number = some.choice(("9" * 20, "0", "-1", "99999999999", str(os.getpid()), "1" * 200, "x"))
@@ -556,7 +470,7 @@ def hostile_run(some, good, folder):
             os.path.join(
                 path,
                 some.choice(("", "shards")),
-                f"{some.choice(('run.json', '00000000', 'scene.toml'))}.part-{host}-{number}",
+                f"{word_of(some, 'run.json 00000000 scene.toml')}.part-{host}-{number}",
             ),
             "w",
         ) as file:
@@ -566,14 +480,9 @@ def hostile_run(some, good, folder):
     elif name in ("run.json", "journal.jsonl", "scene.toml"):
         with open(target, encoding="utf-8") as file:
             text = file.read()
+        change = {"journal.jsonl": _lines, "scene.toml": hostile_toml}.get(name, hostile_json)
         with open(target, "wb") as file:
-            file.write(
-                _lines(some, text)
-                if name == "journal.jsonl"
-                else hostile_toml(some, text)
-                if name == "scene.toml"
-                else hostile_json(some, text)
-            )
+            file.write(change(some, text))
         if some.random() < 0.8:
             summed(path, name == "scene.toml")
     elif name.startswith("shards/"):
@@ -586,12 +495,8 @@ def hostile_run(some, good, folder):
                 file.write(data)
         if some.random() < 0.7:  # with the sum that its name states
             found = _SHARD.fullmatch(os.path.basename(target))
-            os.rename(
-                target,
-                os.path.join(
-                    path, "shards", f"{found[1]}-{found[2]}-{hash_of_file(target)[:16]}.nc"
-                ),
-            )
+            right = f"{found[1]}-{found[2]}-{hash_of_file(target)[:16]}.nc"
+            os.rename(target, os.path.join(path, "shards", right))
     elif os.path.isfile(target) or name == "columns.nc":
         with open(target, "wb") as file:
             file.write(some.randbytes(some.choice((0, 1, 5000))))

@@ -23,6 +23,7 @@ from tests.tools.hostile import (
     hostile_toml,
     odd,
     text_of,
+    word_of,
 )
 
 FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
@@ -68,11 +69,9 @@ def hostile_zarr(some, good, folder):
     arrays = [name for name in sorted(os.listdir(path)) if not name.startswith(".")]
     array = os.path.join(path, some.choice(arrays))
     files = sorted(os.listdir(array))
-    what = some.choice(
-        ("metadata", "metadata", "metadata", "scene", "chunk", "chunk", "kind", "name")
-    )
+    what = word_of(some, "metadata metadata metadata scene chunk chunk kind name")
     if what == "metadata":
-        name = some.choice((".zarray", ".zarray", ".zarray", ".zattrs"))
+        name = word_of(some, ".zarray .zarray .zarray .zattrs")
         file = os.path.join(array, name)
         with open(file, encoding="utf-8") as text:
             told = text.read()
@@ -117,7 +116,7 @@ def hostile_mesh(some, good, folder):
     ending = some.choice(sorted(MESHES))
     path = os.path.join(folder, f"hostile{ending}")
     text = MESHES[ending]
-    what = some.choice(("bytes", "text", "number", "number", "binary", "kind", "other"))
+    what = word_of(some, "bytes text number number binary kind other")
     if what == "number":
         words = re.split(r"([ \n])", text)
         for _ in range(some.choice((1, 2))):
@@ -198,7 +197,7 @@ def hostile_words(some, good):
 def planted(some, good, folder):
     """A run directory in which links and pipes are planted, and the user's own folder beside it."""
     path = os.path.join(folder, "hostile-run")
-    shutil.copytree(good.at(some.choice(("scene-run", "part-run", "table-run"))), path)
+    shutil.copytree(good.at(word_of(some, "scene-run part-run table-run")), path)
     shards = os.listdir(os.path.join(path, "shards"))
     names = [
         "run.json", "scene.toml", "columns.nc", "lock", "journal.jsonl", "members.i64", "shards",

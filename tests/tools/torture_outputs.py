@@ -59,14 +59,14 @@ def computed_once():
     """Compute studies once, then attack their outputs."""
     from rigidmc.runs import frames as again
     from rigidmc.studies.accuracy import study as accuracy
-    from rigidmc.studies.stability_map import case
+    from rigidmc.studies.stability_map import study as maps
     from rigidmc.studies.stress import hard_cases
 
     with contextlib.ExitStack() as held:
         for module, name in (
             (accuracy, "work_precision"),
             (hard_cases, "run_cases"),
-            (case, "case_map"),
+            (maps, "run_map"),
             (again, "frames"),
         ):
             real, kept = getattr(module, name), {}
