@@ -16,6 +16,7 @@ from bench.memory import peak
 from bench.runs import Nothing
 from rigidmc.runs.blocks import compute
 from rigidmc.runs.resources import block_of
+from rigidmc.runs.settled import Machine
 from rigidmc.studies.totals import MORE, simulate_totals
 
 MEMBERS = 10_000_000, 40_000_000
@@ -57,14 +58,11 @@ def rates(members, rounds):
     """Return [members a second of the kernel, and of the run with totals], interleaved."""
     threads, rows = len(os.sched_getaffinity(0)), []
     run = rm.prepare(scene(members)).compile()
-    size = MORE * block_of(run.plan, threads, "cpu", True)
+    size = MORE * block_of(run, threads, "cpu", True)
     simulate_totals(scene(100_000), MEASURES)
     for _ in range(rounds):
         began = time.perf_counter()
-        compute(
-            run.plan, run.layout, run.initial, run.program(), Kernel(run.layout), threads=threads,
-            block=size, units=run.units,
-        )  # fmt: skip
+        compute(run, Kernel(run.layout), Machine(threads, "cpu", size))
         middle = time.perf_counter()
         simulate_totals(scene(members), MEASURES)
         end = time.perf_counter()

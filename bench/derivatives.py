@@ -82,7 +82,7 @@ def costs(name, kind, cases, rounds):
             limits=tuple(plan.limits), derivatives=derivatives,
         )  # fmt: skip
         copies = program.copies
-        out = np.empty(plan.times.size * plan.values * copies * MEMBERS)
+        out = np.empty(plan.grid.saves * plan.values * copies * MEMBERS)
         steps = StepRange(plan.grid.dt, 1, STEPS, STEPS, 0, 0, STEPS)
 
         def prepare():

@@ -19,6 +19,7 @@ from bench.memory import peak
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.load import load_run
 from rigidmc.runs.directory.shards import compute_shards
+from rigidmc.runs.settled import Machine
 from rigidmc.scene.scene import Scene
 
 SHARDS, REAL, SIZE = 19_686, 16, 0.5e6  # 80 million members in 8 GB
@@ -49,7 +50,8 @@ def make(path, shards):
     directory = create(scene.with_run(members=each * shards), path, SIZE)
     with directory.locked():
         run = load_run(directory).compile()
-        compute_shards(directory, run, range(min(REAL, shards)), 1, directory.facts["block"])
+        machine = Machine(1, "cpu", directory.facts["block"])
+        compute_shards(directory, run, range(min(REAL, shards)), machine)
     there = directory.shards()
     for i in range(REAL, shards):
         with open(there[i % REAL], "rb") as file:

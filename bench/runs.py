@@ -12,12 +12,13 @@ import time
 
 from bench import harness, startup
 from bench.memory import peak
-from rigidmc.results.sinks import WholeSink, make_buffer
+from rigidmc.results.sinks import Sink
 from rigidmc.runs.blocks import compute
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.load import load_run
 from rigidmc.runs.directory.shards import compute_shards
 from rigidmc.runs.resources import free_memory
+from rigidmc.runs.settled import Machine
 from rigidmc.scene.scene import Scene
 
 STUDY = ["run", "dzhanibekov", "--t-end", "12", "--save", "omega,attitude", "--keep", "final"]
@@ -37,17 +38,11 @@ print(opened - began, time.perf_counter() - opened)
 """
 
 
-class Nothing(WholeSink):
+class Nothing(Sink):
     """A sink that stores nothing, so that only computing is left."""
 
     def __init__(self, layout):
         self.layout = layout
-
-    def reserve(self, low, count):
-        return make_buffer(self.layout, count)
-
-    def take(self, found):
-        pass
 
 
 def share(folder, members, rounds):
@@ -60,14 +55,12 @@ def share(folder, members, rounds):
         directory = create(scene, os.path.join(folder, f"share{i}"))
         ready, block = load_run(directory).compile(), directory.facts["block"]
         began = time.perf_counter()
-        compute(
-            ready.plan, ready.layout, ready.initial, ready.program(), Nothing(ready.layout),
-            threads=threads, block=block, units=ready.units,
-        )  # fmt: skip
+        machine = Machine(threads, "cpu", block)
+        compute(ready, Nothing(ready.layout), machine)
         without = time.perf_counter() - began
         with directory.locked():
             began = time.perf_counter()
-            compute_shards(directory, ready, range(directory.count), threads, block)
+            compute_shards(directory, ready, range(directory.count), machine)
             seconds = time.perf_counter() - began
         rows.append(
             {

@@ -102,13 +102,7 @@ def advance_own(parts, steps_form, effects, turn, t_end, pool, dtype="float64"):
                 np.empty(0),
                 0,
                 0,
-                t_end,
-                slots,
-                slots,
-                slots,
-                slots,
-                t_end,
-                1,
+                StepRange(t_end, slots, slots, slots, 1, 0, slots, slots, t_end),
             )
         )
         block[: layout.EXTRA, order] = given[: layout.EXTRA]

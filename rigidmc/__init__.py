@@ -29,7 +29,7 @@ _HOMES = {name: f"studies.{name}.study" for name in STUDIES} | {
     "Start": "scene.start",
     "Run": "scene.settings",
     "simulate": "runs.simulate",
-    "prepare": "runs.prepare",
+    "prepare": "runs.simulate",
     "PreparedRun": "runs.prepare",
     "rerun": "runs.rerun",
     "zoom_map": "studies.stability_map.stored",

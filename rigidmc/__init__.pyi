@@ -49,8 +49,8 @@ from rigidmc.physics.observables import Passage as Passage
 from rigidmc.physics.observables import PointingAngle as PointingAngle
 from rigidmc.runs.precompile import precompile as precompile
 from rigidmc.runs.prepare import PreparedRun as PreparedRun
-from rigidmc.runs.prepare import prepare as prepare
 from rigidmc.runs.rerun import rerun as rerun
+from rigidmc.runs.simulate import prepare as prepare
 from rigidmc.runs.simulate import simulate as simulate
 from rigidmc.scene.body import Body as Body
 from rigidmc.scene.distributions import distribution as distribution

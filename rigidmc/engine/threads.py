@@ -33,7 +33,7 @@ class Keeper(Protocol):
         """Return whether the state of a block should be saved now."""
 
     def keep(self, job: Any) -> None:
-        """Save the state of a block after `job.done` steps; a failure raises nothing."""
+        """Save the state of a block after `job.steps.first` steps; a failure raises nothing."""
 
 
 def run_block(
@@ -48,25 +48,25 @@ def run_block(
     progress : called with member-steps as they are made, and with those made earlier
     keeper : saves the state now and then, and when the run is stopped
     """
-    block, done = job.block, job.done
-    size, rounds_a_step = max(1, block.shape[1]), job.rounds / job.total
+    block, done, total = job.block, job.steps.first, job.steps.total
+    size, slots = max(1, block.shape[1]), job.steps.slots
     if job.program is None:  # a closed form: there are no steps
         if progress is not None:
-            progress(size * job.rounds)
+            progress(size * total / slots)
         return job
     if progress is not None and done:
-        progress(size * done * rounds_a_step)
+        progress(size * done / slots)
     order = EVERY if job.order is None else job.order
     saves = SaveTarget(job.out, job.width, job.column, order)
     with closing(job.program.through(block, job.steps, job.noise, saves)) as calls:
         for last in calls:
             if progress is not None:
-                progress(size * (last - done) * rounds_a_step)
+                progress(size * (last - done) / slots)
             done, stopped = last, stop is not None and stop.is_set()
-            if keeper is not None and done < job.total and (stopped or keeper.is_due(job)):
+            if keeper is not None and done < total and (stopped or keeper.is_due(job)):
                 calls.send(True)  # copies the state to the block
-                keeper.keep(job._replace(done=done))
-            if stopped and done < job.total:
+                keeper.keep(job.after(done))
+            if stopped and done < total:
                 raise Stopped
     return job
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.compiler.memory import allocate_block
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.layout import RowMap, whole_lanes
+from rigidmc.engine.kernel.layout import RowMap
 from rigidmc.engine.program import NO_DERIVATIVES, Derivatives
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.methods import Flag, implements
@@ -19,7 +19,7 @@ from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.integrators.protocol import Integrator, has_extra_state
 from rigidmc.physics.integrators.splitting import ScoredLangevin
 from rigidmc.physics.observables import is_own, value_rows
-from rigidmc.physics.observables.saving import outputs_with_derivatives, thinned_indices
+from rigidmc.physics.observables.saving import outputs_with_derivatives
 from rigidmc.physics.observables.statistics import counts_steps
 from rigidmc.planning.initial import (
     InitialMembers,
@@ -60,24 +60,19 @@ class Plan(NamedTuple):
     """A run, fully resolved. A plan does not depend on threads, blocks or the device.
 
     model, run, kind, recording : what moves, the settings, the integrator, what is recorded
-    first, members : place of the first member, and number of members
-    which : member indices at places 0, 1, ...; None if each index equals its place
     grid : steps and saves; with per-member steps, its steps are rounds, and each member makes
         several steps in a round
     has_member_steps : whether members have their own steps
     mean_steps : mean number of steps of a member to the end
-    times : of the saves [s];  thinned : indices of the saves kept for thinned observables
     scheme : how the integrator makes a step, None for closed forms
     has_attitude : whether the attitude is followed
     angle : largest turn of the pilot's members in a step at the start [rad]
     turn_rate : bound on the rate of free motion, if the integrator requires one [rad/s]
     dtype : number type of the steps;  compensated : whether sums keep their remainders
     notes : hints to the user;  limits : bounds that flag a member, () if there are none
-    labels : of the effects whose works are saved
     works : see `rigidmc.planning.initial.work_flags`
     monitors : quantities recorded at every step;  places : their rows in a block
     nodes : monitored states in a step, the last at its end; 0 if only the end is known
-    saved : {observable: rows of its values}, for observables recorded at saves
     conserved : see `rigidmc.scene.recording.conservation`
     paired : whether a step has the noise of two steps of half its length, as in coarse paths of a
         multilevel study, see `rigidmc.studies.multilevel.levels`
@@ -90,13 +85,9 @@ class Plan(NamedTuple):
     run: Run
     kind: Integrator
     recording: Recording
-    first: int
-    members: int
     grid: TimeGrid
     has_member_steps: bool
     mean_steps: float
-    times: NDArray[np.float64]
-    thinned: NDArray[np.int64]
     scheme: StepScheme | None
     has_attitude: bool
     angle: float
@@ -105,30 +96,14 @@ class Plan(NamedTuple):
     compensated: bool
     notes: tuple[str, ...]
     limits: Limits | tuple[()]
-    labels: tuple[str, ...]
     works: tuple[Flag, ...]
     monitors: Monitors
     places: RowMap
     nodes: int
-    saved: dict[str, slice]
     conserved: dict[str, str]
-    which: NDArray[np.int64] | None = None
     paired: bool = False
     wrt: tuple[str, ...] = ()
     derivatives: Derivatives = NO_DERIVATIVES
-
-    def indices(self, first: int, count: int) -> NDArray[np.int64]:
-        """Return the indices of `count` members from place `first` on.
-
-        Places beyond the end repeat the last index.
-        """
-        if self.which is None:
-            return np.arange(first, first + count)
-        return self.which[np.minimum(np.arange(first, first + count), self.which.size - 1)]
-
-    def of(self, which: NDArray[np.int64]) -> "Plan":
-        """Return the plan of a subset of the members, given by their indices."""
-        return self._replace(first=0, members=which.size, which=which)
 
     @property
     def has_axes(self) -> bool:
@@ -141,6 +116,11 @@ class Plan(NamedTuple):
         return bool(switching_parameters(self.model.effects))
 
     @property
+    def saved(self) -> dict[str, slice]:
+        """{observable: rows of its values} of the observables recorded at saves."""
+        return value_rows(self.recording.recorded, len(self.model.effects))
+
+    @property
     def values(self) -> int:
         """Number of values that a member records at a save."""
         return max((rows.stop for rows in self.saved.values()), default=0)
@@ -151,18 +131,17 @@ class Plan(NamedTuple):
         return self.derivatives.at_once * self.derivatives.passes
 
     def initial(
-        self, sampler: Source, first: int, count: int, pilot: InitialMembers | None = None
+        self, sampler: Source, members: NDArray[np.int64], pilot: InitialMembers | None = None
     ) -> tuple[NDArray[np.float64], Start]:
-        """Build `count` members from place `first` on, and more to fill lanes.
+        """Build members by their indices, which fill whole lanes.
 
         Returns their rows, and the sampled values they were built from. With derivatives, the
         `places.end` rows are followed by as many for each column j, from row places.end (1 + j) on:
         their derivatives by parameter j.
         pilot : the first members, if they are already built
         """
-        members = self.indices(first, whole_lanes(count))
-        known = (self.has_attitude, self.places.end)
-        if self.which is not None:
+        known, first = (self.has_attitude, self.places.end), int(members[0])
+        if not _is_range(members):
             block, start = initial_block_of(self.model, sampler, members, *known)
         elif pilot is not None and first + members.size <= pilot.block.shape[1]:
             block, start = pilot.part(self.model, first, members.size, self.places.end)
@@ -185,7 +164,7 @@ class Plan(NamedTuple):
         known = self.has_attitude, rows, self.wrt, axes
         whole[:rows], whole[rows:] = block, 0.0
         tangents = whole[rows : rows * (1 + len(self.wrt))].reshape(-1, rows, count)
-        if self.which is None:
+        if _is_range(members):
             first = int(members[0])
             tangents_at_start(self.model, sampler, first, count, *known, out=tangents)
         else:
@@ -212,6 +191,11 @@ class Plan(NamedTuple):
             "turn_limit": self.limits.turn,
         }
         return {name: value for name, value in lowest.items() if value < math.inf}
+
+
+def _is_range(members: NDArray[np.int64]) -> bool:
+    """Return whether indices increase by 1."""
+    return np.array_equal(members, np.arange(members[0], members[0] + members.size))
 
 
 class _Steps(NamedTuple):
@@ -274,8 +258,6 @@ def make_plan(
         _refuse_counts(monitors, "run.every", run.every, f"does not divide t_end = {run.t_end:g} s")
     for name, time in switching_parameters(effects)[:1]:
         _refuse_counts(monitors, name, time, "is a switching time")
-    slots = found.save_steps
-    is_thinned = "thinned" in recording.retained.values()
     conserved = conservation(effects, recording.has_work)
     watches = bool(recording.recorded or monitors.events or monitors.running)
     has_axes = model.body.is_turned and model.body.frame == "described" and watches
@@ -285,13 +267,9 @@ def make_plan(
         run=run,
         kind=kind,
         recording=recording,
-        first=run.first,
-        members=run.members,
         grid=found,
         has_member_steps=steps.has_member_steps,
         mean_steps=mean,
-        times=found.clock.time(slots),
-        thinned=thinned_indices(len(slots), run.thin) if is_thinned else np.empty(0, int),
         scheme=scheme,
         has_attitude=attitude,
         angle=steps.angle,
@@ -301,12 +279,10 @@ def make_plan(
         and keeps_remainders(kind, effects, run.dtype, run.compensated),
         notes=notes,
         limits=make_limits(*bounds) if scheme else (),
-        labels=tuple(label for label, _ in label_effects(effects)) if recording.has_work else (),
         works=work_flags(effects, recording.has_work),
         monitors=monitors,
         places=places_of(effects, recording.has_work, monitors, has_axes),
         nodes=nodes(effects, monitors, reach),
-        saved=value_rows(recording.recorded, len(effects)),
         conserved=conserved,
         wrt=wrt,
         derivatives=choose_derivatives(wrt),

@@ -149,6 +149,22 @@ class TimeGrid(NamedTuple):
         return np.append(np.arange(0, self.steps, self.stride), self.steps)
 
     @property
+    def saves(self) -> int:
+        """Number of saves, with those at 0 and at the end."""
+        return len(self.listed) or -(-self.steps // self.stride) + 1
+
+    @property
+    def times(self) -> Array:
+        """The times of the saves [s]."""
+        times: Array = self.clock.time(self.save_steps)
+        return times
+
+    @property
+    def end(self) -> float:
+        """The time of the last save [s]."""
+        return float(self.clock.time(self.steps))
+
+    @property
     def clock(self) -> Clock:
         """The Clock of these steps."""
         return Clock(self.dt, self.head, self.last_dt)

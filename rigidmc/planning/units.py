@@ -16,8 +16,10 @@ from rigidmc.physics.observables import is_own
 from rigidmc.planning.initial import Source, block_rows, initial_block, make_sampler
 from rigidmc.planning.plan import Plan
 from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import Grid, Varied, is_shared
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.settings import Run, with_changes
 from rigidmc.scene.stated import Stated
 from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution
@@ -68,30 +70,6 @@ def scale_scene(scene: Scene, mass: float = 1.0, length: float = 1.0, time: floa
     The motion stays the same, to the bit if the factors are powers of 2. Raises SceneError if an
     effect does not declare the units of its parameters.
     """
-    effects = _scaled_effects(scene.effects, mass, length, time)
-    inertia = mass * length**2
-    distribution = scene.body.moments
-    whole = isinstance(distribution, TensorDistribution)
-    stated = scene.body.stated
-    body = replace(
-        scene.body,
-        moments=distribution.resized(mass, length) if whole else _sized(distribution, inertia, 1.0),
-        mass=_times(scene.body.mass, mass),
-        centre=tuple(_times(x, length) for x in scene.body.centre),
-        stated=stated.scaled(mass, length) if isinstance(stated, Stated) else stated,
-    )
-    spin = "omega" if scene.start.momentum is None else "momentum"
-    by = 1.0 / time if spin == "omega" else inertia / time
-    distribution = _sized(getattr(scene.start, spin), by, inertia / time / time)
-    start = replace(scene.start, **{spin: distribution})
-    run: dict[str, Any] = {"t_end": scene.run.t_end * time}
-    if isinstance(every := scene.run.every, tuple):
-        run["every"] = tuple(t * time for t in every)
-    elif isinstance(every, float):
-        run["every"] = every * time
-    run |= {"dt": scene.run.dt * time} if scene.run.turn is None else {}
-    if scene.run.turn_rate is not None and scene.run.turn is None:
-        run["turn_rate"] = scene.run.turn_rate / time
     observables = tuple(
         one._replace(
             **{
@@ -101,8 +79,45 @@ def scale_scene(scene: Scene, mass: float = 1.0, length: float = 1.0, time: floa
         )
         for one in scene.observables
     )
-    changed = replace(scene, body=body, effects=effects, start=start, observables=observables)
-    return changed.with_run(**run)
+    model = scale_model(scene.model, mass, length, time)
+    run = scale_run(scene.run, time)
+    return replace(scene, **model._asdict(), observables=observables, run=run)
+
+
+def scale_model(model: Model, mass: float, length: float, time: float) -> Model:
+    """Return what moves with all masses, lengths and times multiplied, as in `scale_scene`."""
+    effects = _scaled_effects(model.effects, mass, length, time)
+    inertia = mass * length**2
+    distribution = model.body.moments
+    whole = isinstance(distribution, TensorDistribution)
+    stated = model.body.stated
+    body = replace(
+        model.body,
+        moments=distribution.resized(mass, length) if whole else _sized(distribution, inertia, 1.0),
+        mass=_times(model.body.mass, mass),
+        centre=tuple(_times(x, length) for x in model.body.centre),
+        stated=stated.scaled(mass, length) if isinstance(stated, Stated) else stated,
+    )
+    spin = model.start.spin_name
+    by = 1.0 / time if spin == "omega" else inertia / time
+    distribution = _sized(getattr(model.start, spin), by, inertia / time / time)
+    return model._replace(
+        body=body, effects=effects, start=replace(model.start, **{spin: distribution})
+    )
+
+
+def scale_run(run: Run, time: float) -> Run:
+    """Return the settings of a run with all times multiplied."""
+    changed: dict[str, Any] = {"t_end": run.t_end * time}
+    if isinstance(run.every, tuple):
+        changed["every"] = tuple(t * time for t in run.every)
+    elif isinstance(run.every, float):
+        changed["every"] = run.every * time
+    if run.turn is None:
+        changed["dt"] = run.dt * time
+        if run.turn_rate is not None:
+            changed["turn_rate"] = run.turn_rate / time
+    return with_changes(run, changed)
 
 
 def _scaled_effects(
@@ -144,13 +159,20 @@ class UnitScale(NamedTuple):
         grid = plan.grid
         return plan._replace(
             grid=grid._replace(dt=grid.dt / self.time, last_dt=grid.last_dt / self.time),
-            times=plan.times / self.time,
             turn_rate=rate,
         )
 
-    def original(self, scene: Scene) -> Scene:
-        """Convert a scene to the units of the user."""
-        return scale_scene(scene, 1.0 / self.mass, 1.0, 1.0 / self.time)
+    def model(self, model: Model) -> Model:
+        """Convert what moves to the units of integration."""
+        return scale_model(model, self.mass, 1.0, self.time)
+
+    def scaled(self, scene: Scene) -> Scene:
+        """Convert a scene to the units of integration."""
+        return scale_scene(scene, self.mass, 1.0, self.time)
+
+    def settings_back(self, run: Run) -> Run:
+        """Convert the settings of a run to the units of the user."""
+        return scale_run(run, 1.0 / self.time)
 
 
 def choose_units(scene: Scene) -> UnitScale | None:

@@ -8,17 +8,15 @@ import xarray as xr
 from rigidmc.files.netcdf import open_trusted
 from rigidmc.files.outputs import Path
 from rigidmc.results.export import write
-from rigidmc.results.layout import ResultLayout
+from rigidmc.results.layout import ResultLayout, Selection
 from rigidmc.results.sinks import (
     Arrays,
     HistogramCounts,
     MemorySink,
-    Place,
-    WholeSink,
+    Sink,
     concat_flagged,
     flagged_values,
     kept_values,
-    make_buffer,
 )
 from rigidmc.results.writer import Writer, round_digits
 
@@ -27,9 +25,14 @@ class ExportSink(MemorySink):
     """A sink that collects blocks in one Dataset, and writes it as zarr or a table at the end."""
 
     def __init__(
-        self, path: Path, layout: ResultLayout, force: bool, more: Mapping[str, Any]
+        self,
+        path: Path,
+        layout: ResultLayout,
+        members: Selection,
+        force: bool,
+        more: Mapping[str, Any],
     ) -> None:
-        super().__init__(layout, more)
+        super().__init__(layout, members, more)
         self.path, self.force = path, force
 
     def finish(self) -> xr.Dataset:
@@ -44,23 +47,20 @@ class ExportSink(MemorySink):
         return dataset
 
 
-class FileSink(WholeSink):
+class FileSink(Sink):
     """A sink that writes finished blocks to a netCDF file."""
 
     def __init__(
         self,
         path: Path,
         layout: ResultLayout,
+        members: Selection,
         force: bool,
-        more: Mapping[str, Any] | None = None,
+        more: Mapping[str, Any] = {},
     ) -> None:
         self.layout, self.path = layout, path
         self.counts, self.flagged = HistogramCounts(layout.recording.histograms), list[Arrays]()
-        self.writer = Writer(path, layout, force, more)
-
-    def reserve(self, low: int, count: int) -> Place:
-        """Return the place for the values of `count` members."""
-        return make_buffer(self.layout, count)
+        self.writer = Writer(path, layout, members, {**layout.attributes(), **more}, force)
 
     def gather(self, job: Any, results: Arrays) -> tuple[int, int, Arrays, Arrays, Arrays]:
         """Return place and size of a finished block, its kept values, its counts and its flagged
@@ -75,19 +75,16 @@ class FileSink(WholeSink):
             values |= kept_values(layout, parts)
         return job.first, job.size, values, counts, flagged
 
-    def take(self, found: tuple[int, int, Arrays, Arrays, Arrays]) -> None:
-        """Write the values of a finished block."""
-        first, size, values, counts, flagged = found
+    def take(self, gathered: tuple[int, int, Arrays, Arrays, Arrays]) -> None:
+        first, size, values, counts, flagged = gathered
         self.counts.add(counts)
         self.flagged.append(flagged)
         self.writer.write(first, size, values)
 
     def finish(self) -> xr.Dataset:
-        """Finish the file and open it."""
         self.writer.write_all({**self.counts.variables(), **concat_flagged(self.flagged)})
         self.writer.finish()
         return open_trusted(self.path)
 
     def discard(self) -> None:
-        """Delete the partial file."""
         self.writer.discard()

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.physics.effects import label_effects
 from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.results.variables import ROTATED, Variable
 from rigidmc.scene.derivatives import derivative_name
@@ -91,27 +92,53 @@ class Axes(NamedTuple):
         }
 
 
+class Selection(NamedTuple):
+    """The members of a run, or of a part of it.
+
+    first, size : place of the first member, and number of members
+    which : the indices of the members at places 0, 1, ...; None if they are these numbers
+    block : members moved together, which are a chunk of a file; 0 if that is still open
+    """
+
+    first: int
+    size: int
+    which: NDArray[np.int64] | None = None
+    block: int = 0
+
+    @classmethod
+    def of(cls, members: range | NDArray[np.int64]) -> "Selection":
+        """Return the members of a range of indices, or of increasing indices."""
+        if isinstance(members, range):
+            return cls(members.start, len(members))
+        return cls(0, members.size, members)
+
+    def indices(self, first: int, count: int) -> NDArray[np.int64]:
+        """Return the indices of `count` members from place `first` on; beyond the end of chosen
+        indices, repeat the last."""
+        if self.which is None:
+            return np.arange(first, first + count)
+        return self.which[np.minimum(np.arange(first, first + count), self.which.size - 1)]
+
+    def all_indices(self) -> NDArray[np.int64]:
+        """Return the indices of all members."""
+        return self.indices(self.first, self.size)
+
+
 class ResultLayout(NamedTuple):
     """The layout of the result of a run, in the units of its scene.
 
     scene : the scene of the result;  settings : of [run], which replace the settings of the scene
         in its text, because a rerun needs them
     facts : the attributes after the integrator
-    first, members : place of the first member, and number of members
-    which : the indices of the members at places 0, 1, ...; None if they are these numbers
     saved : {observable: rows of its values} recorded at saves
     by_member, at_saves, of_ensemble, of_flagged : {name: Variable}
     constant : names of variables that all members share, stored once in memory
-    block : members of a chunk of a file
     columns : derivatives of a saved value in memory, see `rigidmc.planning.plan.Plan`
     """
 
     scene: Scene
     settings: dict[str, Any]
     facts: dict[str, Any]
-    first: int
-    members: int
-    which: NDArray[np.int64] | None
     axes: Axes
     recording: Recording
     saved: dict[str, slice]
@@ -120,7 +147,6 @@ class ResultLayout(NamedTuple):
     of_ensemble: dict[str, Variable]
     of_flagged: dict[str, Variable]
     constant: frozenset[str]
-    block: int = 0
     columns: int = 0
 
     @property
@@ -160,25 +186,10 @@ class ResultLayout(NamedTuple):
                 found[derivative_name(name)] = np.moveaxis(saves[:, some, columns], -2, 0)
         return found
 
-    def indices(self, first: int, count: int) -> NDArray[np.int64]:
-        """Return the indices of `count` members from place `first` on; beyond the end, repeat the
-        last."""
-        if self.which is None:
-            return np.arange(first, first + count)
-        return self.which[np.minimum(np.arange(first, first + count), self.which.size - 1)]
-
     @property
     def variables(self) -> dict[str, Variable]:
         """{name: Variable} of all variables."""
         return {**self.by_member, **self.at_saves, **self.of_ensemble, **self.of_flagged}
-
-    def coordinates(self) -> dict[str, Coordinate]:
-        """Return coordinates as {name: (dims, values, attrs)}."""
-        return self.axes.coordinates(self.indices(self.first, self.members))
-
-    def lengths(self) -> dict[str, Any]:
-        """Return {dimension: size}; None for `flagged`, which grows."""
-        return self.axes.lengths(self.members)
 
     def attributes(self) -> dict[str, Any]:
         """Return the global attributes. The scene's TOML and the member range suffice for a rerun
@@ -214,11 +225,16 @@ class ResultLayout(NamedTuple):
     def bytes_of_a_member(self) -> tuple[int, int]:
         """Return the bytes of a member before compression: (of shared values, of other values)."""
         same = other = 0
-        sizes = {**self.lengths(), "member": 1}
+        sizes = self.axes.lengths(1)
         for name, (dims, dtype, _) in {**self.by_member, **self.at_saves}.items():
             size = math.prod(sizes[dim] for dim in dims) * np.dtype(dtype).itemsize
             same, other = (same + size, other) if name in self.constant else (same, other + size)
         return same, other
+
+
+def labels_of_works(effects: Sequence[Any], recording: Recording) -> tuple[str, ...]:
+    """Return the labels of the effects whose works are saved."""
+    return tuple(label for label, _ in label_effects(effects)) if recording.has_work else ()
 
 
 def constant_variables(model: Model) -> frozenset[str]:

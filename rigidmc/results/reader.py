@@ -21,7 +21,7 @@ from rigidmc.physics.effects.protocol import shape
 from rigidmc.physics.observables import dimensions, is_opaque
 from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.physics.observables.saving import CENSORED, FOLLOWED
-from rigidmc.results.layout import Axes
+from rigidmc.results.layout import Axes, labels_of_works
 from rigidmc.results.variables import (
     NEWER,
     Variable,
@@ -167,9 +167,7 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
     axes = Axes(
         times=np.empty(dataset.sizes["time"]),
         thinned=np.zeros(dataset.sizes.get("thinned_time", 0), int),
-        labels=tuple(label for label, _ in label_effects(scene.effects))
-        if recorded.has_work
-        else (),
+        labels=labels_of_works(scene.effects, recorded),
         bins=bins,
         dims=dimensions(recorded.recorded, recorded.monitored),
         parameters=parameters,

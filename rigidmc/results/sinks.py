@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.compiler.memory import allocate_aligned
 from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.threads import Keeper
-from rigidmc.results.layout import ResultLayout
+from rigidmc.results.layout import ResultLayout, Selection
 from rigidmc.scene.recording import Labelled
 
 if TYPE_CHECKING:
@@ -103,22 +103,40 @@ class HistogramCounts:
         return variables
 
 
-class WholeSink:
-    """A result without a part from an earlier run."""
+class Sink:
+    """A destination for the results of blocks: memory, a file, or the shards of a run directory.
 
+    keeper : stores states of blocks in progress, None if nothing does
+    """
+
+    layout: ResultLayout
     keeper: Keeper | None = None
 
+    def reserve(self, low: int, count: int) -> Place:
+        """Return the place for the values of `count` members from number `low` of the run on."""
+        return make_buffer(self.layout, count)
+
     def has(self, place: int) -> bool:
-        """Whether the results of the block at a place exist from an earlier run."""
+        """Return whether an earlier run left the results of the block at a place."""
         return False
 
     def resumed(self, job: Any) -> Any:
-        """Return a block in the state of an earlier run: at its start."""
+        """Return a block continued from the state that an earlier run left, if there is one."""
         return job
 
     def gather(self, job: Any, results: Arrays) -> Any:
-        """Return what `take` needs of a block: by default the block and its members' results."""
+        """Gather the values of a finished block, in the thread that moved it; return what `take`
+        needs. Several blocks may do this at once."""
         return job, results
+
+    def take(self, gathered: Any) -> None:
+        """Store a finished block, in the main thread; gathered : what `gather` returned."""
+
+    def finish(self) -> Any:
+        """Complete the result and return it."""
+
+    def discard(self) -> None:
+        """Drop an incomplete result."""
 
 
 _ARRAY, _COUNTS, _FLAGGED = "array ", "counts ", "flagged "  # prefixes of the names in a part
@@ -129,7 +147,7 @@ def _named(part: Mapping[str, NDArray[Any]], mark: str) -> Arrays:
     return {n.removeprefix(mark): a.copy() for n, a in part.items() if n.startswith(mark)}
 
 
-class MemorySink(WholeSink):
+class MemorySink(Sink):
     """A sink that collects blocks in one Dataset.
 
     If all saved values are kept, the kernel writes them directly to their place.
@@ -138,21 +156,23 @@ class MemorySink(WholeSink):
     def __init__(
         self,
         layout: ResultLayout,
-        more: Mapping[str, Any],
+        members: Selection,
+        more: Mapping[str, Any] = {},
         direct: bool = True,
         blank: "xr.Dataset | None" = None,
     ) -> None:
         """more : further attributes;  direct : whether blocks may write directly to the result
         blank : see `Blanks`
         """
-        self.layout, self.more, self.blank, known = layout, more, blank, layout.recording
+        self.layout, self.members, self.more, self.blank = layout, members, more, blank
+        known = layout.recording
         self.counts, self.flagged = HistogramCounts(known.histograms), list[Arrays]()
         all_kept = set(known.retained.values()) <= {"full"}
         self.direct = direct and tuple(known.recorded) == known.names and all_kept
-        self.width, self.times = whole_lanes(layout.members), layout.axes.times.size
+        self.width = whole_lanes(members.size)
         size = layout.numbers * self.width if self.direct else 0
         self.out = allocate_aligned(size, float, np.empty)
-        sizes, saved = layout.lengths(), {} if self.direct else layout.at_saves
+        sizes, saved = layout.axes.lengths(members.size), {} if self.direct else layout.at_saves
         self.arrays = {
             name: np.empty([sizes[dim] for dim in v.dims], v.dtype)
             for name, v in {**layout.by_member, **saved}.items()
@@ -160,16 +180,15 @@ class MemorySink(WholeSink):
         }
 
     def reserve(self, low: int, count: int) -> Place:
-        """Return the place for the values of `count` members from index `low` of the result on."""
         if self.direct:
             return self.out, self.width if self.layout.values else 0, low
-        return make_buffer(self.layout, count)
+        return super().reserve(low, count)
 
     def gather(self, job: Any, results: Arrays) -> tuple[Arrays, Arrays]:
         """Copy the values of a finished block to their places; return its counts and its flagged
         values."""
         layout, counts, flagged = self.layout, Arrays(), Arrays()
-        low = job.first - layout.first
+        low = job.first - self.members.first
         part = slice(low, low + job.size)
         if layout.values and (self.counts.histograms or not self.direct):
             saves = layout.saves(job.out, job.width)
@@ -183,15 +202,14 @@ class MemorySink(WholeSink):
         for name in layout.by_member:
             if name not in self.arrays:  # all members share it: one column is enough
                 column = results[name][..., :1]
-                shape = (*column.shape[:-1], layout.members)
+                shape = (*column.shape[:-1], self.members.size)
                 self.arrays[name] = np.broadcast_to(column.copy(), shape)
             elif name not in layout.constant:
                 self.arrays[name][..., part] = results[name][..., : job.size]
         return counts, flagged
 
-    def take(self, found: tuple[Arrays, Arrays]) -> None:
-        """Take the counts and the flagged values of a finished block."""
-        counts, flagged = found
+    def take(self, gathered: tuple[Arrays, Arrays]) -> None:
+        counts, flagged = gathered
         self.counts.add(counts)
         self.flagged.append(flagged)
 
@@ -200,7 +218,7 @@ class MemorySink(WholeSink):
         arrays = {**self.arrays, **self.counts.variables(), **concat_flagged(self.flagged)}
         if self.direct:
             saves = self.layout.saves(self.out, self.width)
-            arrays |= self.layout.split(saves[..., : self.layout.members])
+            arrays |= self.layout.split(saves[..., : self.members.size])
         return arrays
 
     def part(self) -> Arrays:
@@ -230,7 +248,7 @@ class MemorySink(WholeSink):
 
     def largest(self) -> int:
         """Return the maximum bytes of `part`, which has all saves of flagged members."""
-        saves = max(self.times, self.layout.numbers) * self.layout.members
+        saves = max(self.layout.axes.times.size, self.layout.numbers) * self.members.size
         counts = sum(values.nbytes for values in self.counts.counts.values())
         return sum(self.arrays[name].nbytes for name in self._own()) + 16 * saves + counts + 2**20
 
@@ -239,21 +257,19 @@ class MemorySink(WholeSink):
         return [name for name in self.arrays if name not in self.layout.constant]
 
     def finish(self) -> "xr.Dataset":
-        """Return the result."""
         arrays, layout = self.values(), self.layout
         if self.blank is not None:
             dataset = self.blank.copy(data=arrays)
             dataset.attrs.update(self.more)
             return dataset
-        return _make_dataset(layout, arrays, self.more)
+        return _make_dataset(layout, self.members, arrays, self.more)
 
     def discard(self) -> None:
-        """Free the memory."""
         self.out = np.empty(0)
 
 
 def _make_dataset(
-    layout: ResultLayout, arrays: Arrays, more: Mapping[str, Any] | None = None
+    layout: ResultLayout, members: Selection, arrays: Arrays, more: Mapping[str, Any] = {}
 ) -> "xr.Dataset":
     """Return the Dataset of a layout with the arrays of its variables; more : further attributes.
 
@@ -265,7 +281,7 @@ def _make_dataset(
     import xarray as xr  # 0.3 s of a process, in which only results need it
 
     variables, indexes = dict[str, xr.Variable](), dict[str, xr.indexes.PandasIndex]()
-    for name, (dims, values, attrs) in layout.coordinates().items():
+    for name, (dims, values, attrs) in layout.axes.coordinates(members.all_indices()).items():
         if dims != (name,):
             variables[name] = xr.Variable(dims, values, attrs, fastpath=True)
             continue
@@ -279,7 +295,7 @@ def _make_dataset(
             for name, v in layout.variables.items()
         },
         xr.Coordinates(variables, indexes),
-        {**layout.attributes(), **(more or {})},
+        {**layout.attributes(), **more},
     )
 
 
@@ -291,19 +307,20 @@ class Blanks:
         # a single attribute, so that several threads may use the same run
         self._last: tuple[object, xr.Dataset | None] = None, None
 
-    def of(self, layout: ResultLayout) -> "xr.Dataset | None":
-        """Return a result to copy, from the second consecutive request for a layout on; else None.
-        Also None if the number of flagged members is unknown, which makes copies impossible."""
-        if layout.of_flagged or layout.which is not None:
+    def of(self, layout: ResultLayout, members: Selection) -> "xr.Dataset | None":
+        """Return a result to copy, from the second consecutive request for some members on; else
+        None. Also None if the number of flagged members is unknown, which makes copies
+        impossible."""
+        if layout.of_flagged or members.which is not None:
             return None
-        key, (last, blank) = (layout.first, layout.members), self._last
+        key, (last, blank) = (members.first, members.size), self._last
         if key == last and blank is None:
-            sizes, nothing = layout.lengths(), np.zeros(())
+            sizes, nothing = layout.axes.lengths(members.size), np.zeros(())
             blanks = {
                 name: np.broadcast_to(nothing, [sizes[d] for d in v.dims])
                 for name, v in layout.variables.items()
             }
-            blank = _make_dataset(layout, blanks)
+            blank = _make_dataset(layout, members, blanks)
         blank = blank if key == last else None
         self._last = key, blank
         return blank

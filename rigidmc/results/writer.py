@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rigidmc.files.locks import refuse_lockless
 from rigidmc.files.netcdf import close_once, in_netcdf_thread, naming_failures
 from rigidmc.files.outputs import PartialFile, Path, refuse_existing
-from rigidmc.results.layout import ResultLayout
+from rigidmc.results.layout import ResultLayout, Selection
 from rigidmc.results.variables import Variable
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -44,12 +44,12 @@ class Writer:
         self,
         path: Path,
         layout: ResultLayout,
+        members: Selection,
+        attrs: Mapping[str, Any],
         force: bool = False,
-        more: Mapping[str, Any] | None = None,
-        attrs: Mapping[str, Any] | None = None,
         named: Callable[[str], str] | None = None,
     ) -> None:
-        """more : further attributes;  attrs : replace the attributes of a result
+        """attrs : of the file
 
         named : for shards, returns the final path of a finished file. Every chunk then has a
             checksum, so that reading a flipped bit is an error.
@@ -60,23 +60,22 @@ class Writer:
         refuse_lockless(os.path.dirname(os.path.abspath(path)))
         self.path, self._named = path, named
         self._file: Any = None
-        self.layout, self._digits = layout, dict[str, int]()
-        attrs = layout.attributes() if attrs is None else attrs
+        self.layout, self.members, self._digits = layout, members, dict[str, int]()
         self._part = PartialFile(path, force)
         try:
             with naming_failures(self.path):
-                in_netcdf_thread(self._begin, attrs, more or {})
+                in_netcdf_thread(self._begin, attrs)
         except BaseException:
             self.discard()
             raise
 
-    def _begin(self, attrs: Mapping[str, Any], more: Mapping[str, Any]) -> None:
+    def _begin(self, attrs: Mapping[str, Any]) -> None:
         self._file = netCDF4.Dataset(self._part.path, "w", format="NETCDF4", clobber=True)
         self._file.set_fill_off()
         self.variables = variables = self.layout.variables
         # indices are written together with the members, to save memory
         known = self.layout.axes.coordinates()
-        sizes = self.layout.lengths()
+        sizes = self.layout.axes.lengths(self.members.size)
         used = [dim for dims, *_ in (*known.values(), *variables.values()) for dim in dims]
         for dim in dict.fromkeys(used):
             self._file.createDimension(dim, sizes[dim])
@@ -85,7 +84,6 @@ class Writer:
         for name, variable in variables.items():
             self._define(name, variable, sizes)
         self._file.setncatts(attrs)
-        self._file.setncatts(more)
 
     def _define_coordinate(
         self, name: str, dims: tuple[str, ...], values: NDArray[Any], attrs: dict[str, Any]
@@ -111,7 +109,7 @@ class Writer:
         (dims, dtype, attrs), layout, run = of, self.layout, self.layout.scene.run
         # a chunk holds a block of members and up to 128 times: cheap to write, and to read by
         # member or by time
-        most = {"member": layout.block, "parameter": 1}
+        most = {"member": self.members.block, "parameter": 1}
         chunks = [min(sizes[dim] or 32, most.get(dim, 128)) for dim in dims]
         same = name in layout.constant
         # equal values compress faster without shuffled bytes: 0.6 instead of 0.4 GB/s
@@ -131,11 +129,11 @@ class Writer:
 
     def write(self, first: int, count: int, values: Arrays) -> None:
         """Write {name: array, members last} for `count` members from place `first` on."""
-        low = first - self.layout.first
+        low = first - self.members.first
         part = slice(low, low + count)
 
         def put() -> None:
-            self._file.variables["member"][part] = self.layout.indices(first, count)
+            self._file.variables["member"][part] = self.members.indices(first, count)
             for name, array in values.items():
                 self._file.variables[name][..., part] = self._rounded(name, array[..., :count])
 

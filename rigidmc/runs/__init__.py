@@ -3,8 +3,9 @@
 `prepare` returns a `PreparedRun`: checked, with units, step and integrator chosen and all names
 resolved. `prepared.run(...)` integrates members and returns a Dataset; `simulate` does both.
 
-Reading order: `simulate`, `prepare`, `members` (which members a run has), `assemble` (the result
-layout and program of a plan), `blocks` (members built at their start, moved by the engine on
+Reading order: `simulate`, `prepare`, `settled` (what is settled before the first step), `members`
+(which members a run has), `assemble` (the result layout and program of a plan), `blocks` (members
+built at their start, moved by the engine on
 threads, handed to a sink), `resources` (threads, memory and disk), `price` (the cost of a run,
 measured on its first members), `precompile` (compile ahead), `rerun` (recompute members of a
 result, to the same bits), `frames` (recompute one for an animation), `end_of_run` (derivatives by

@@ -3,6 +3,8 @@
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.engine.cuda.devices import device_number, is_gpu
 from rigidmc.engine.inspection import compilation_error, refuse_uncompilable
@@ -10,8 +12,9 @@ from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
 from rigidmc.engine.program import Derivatives, Program
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators.protocol import Integrator
+from rigidmc.physics.observables.saving import thinned_indices
 from rigidmc.planning.plan import Plan
-from rigidmc.results.layout import Axes, ResultLayout, constant_variables
+from rigidmc.results.layout import Axes, ResultLayout, constant_variables, labels_of_works
 from rigidmc.results.variables import (
     derivative_variables,
     ensemble_variables,
@@ -30,12 +33,12 @@ from rigidmc.scene.scene import Scene
 def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
     """Return the layout of a result, in the units of the scene."""
     model, run, grid = scene.model, scene.run, plan.grid
+    own = plan.has_member_steps
     # a selection of the result has rows of its own members only, so store every choice that
     # depended on all members
-    settings: dict[str, Any] = {} if plan.has_member_steps else {"dt": grid.dt}
+    settings: dict[str, Any] = {} if own else {"dt": grid.dt}
     if run.varied or count_rows(*model.quantities()) is not None:
         settings |= {"turn_rate": plan.turn_rate, **plan.bounds()}
-    own = plan.has_member_steps
     steps: dict[str, Any] = {"turn": run.turn} if own else {"dt": grid.dt, "steps": grid.steps}
     if grid.is_shortened and not own:
         steps |= {"last_steps": grid.steps - grid.head, "last_dt": grid.last_dt}
@@ -45,21 +48,26 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
         "compensated": int(plan.compensated),
         **plan.bounds(),
         "parts_per_step": len(plan.scheme.substeps) - 1 if plan.scheme else 0,
-        **({"drawn": through} if (through := drawn_through(scene.model, scene.run)) else {}),
+        **({"drawn": through} if (through := drawn_through(model, run)) else {}),
         **(UNCOMPILED if plan.scheme is not None and is_uncompiled() else {}),
     }
-    monitors, units = plan.monitors, units_at(scene.model, plan.wrt)
+    units = units_at(scene.model, plan.wrt)
     saved, of_flagged = saved_variables(model.effects, recorded), flagged_variables(recorded)
     by_member = member_variables(model, run, recorded, plan.has_attitude)
-    axes = plan.times, plan.thinned, plan.labels, monitors.bins, monitors.dims, plan.wrt, units
+    is_thinned = "thinned" in recorded.retained.values()
     return ResultLayout(
         scene=scene,
         settings=settings,
         facts=facts,
-        first=plan.first,
-        members=plan.members,
-        which=plan.which,
-        axes=Axes(*axes),
+        axes=Axes(
+            times=grid.times,
+            thinned=thinned_indices(grid.saves, run.thin) if is_thinned else np.empty(0, int),
+            labels=labels_of_works(model.effects, recorded),
+            bins=plan.monitors.bins,
+            dims=plan.monitors.dims,
+            parameters=plan.wrt,
+            parameter_units=units,
+        ),
         recording=recorded,
         saved=plan.saved,
         by_member={**by_member, **member_derivatives(by_member, recorded, units)},

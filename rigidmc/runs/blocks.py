@@ -2,16 +2,16 @@
 sink."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.arguments import NO_CUTS, NO_SAVE_STEPS, NoiseKeys, StepRange
+from rigidmc.engine.kernel.arguments import NO_SAVE_STEPS, NoiseKeys, StepRange
 from rigidmc.engine.program import NO_NOISE, Program
-from rigidmc.engine.threads import Keeper, run_alone, run_blocks
+from rigidmc.engine.threads import run_alone, run_blocks
 from rigidmc.physics.dynamics.dual_arrays import DualArray, plain
 from rigidmc.physics.dynamics.so3 import conjugate, multiply
 from rigidmc.planning import monitors
@@ -21,15 +21,15 @@ from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import Array, order_by_steps
 from rigidmc.planning.switches import cut_rows
 from rigidmc.planning.units import UnitScale
-from rigidmc.processes.progress import Progress, Report, reporter
+from rigidmc.processes.progress import reporter
 from rigidmc.results.layout import ResultLayout
+from rigidmc.results.sinks import Arrays, Place, Sink
 from rigidmc.results.variables import ROTATED
 from rigidmc.runs.end_of_run import add_derivatives_by_end
+from rigidmc.runs.settled import Machine, SettledRun
 from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.drifts import drift_laws
 from rigidmc.scene.parameters import END
-
-Initial = Callable[[int, int], tuple[Array, Start]]  # (first place, count) -> rows, start
 
 
 class BlockJob(NamedTuple):
@@ -40,11 +40,7 @@ class BlockJob(NamedTuple):
     start : sampled values that members were built from;  program : None if no steps are left
     order : of the members in the block, if they have their own steps
     out, width, column : array for the values, its columns, and the block's first column
-    h, slots, total : step [s], slots in a round, steps in all
-    stride, save_steps : steps between saves; if 0, the steps that end at a save
-    head, last_h : the number of steps after which h is `last_h`
-    cuts : parts of steps
-    done : number of steps already made
+    steps : those that are not yet made
     """
 
     first: int
@@ -58,199 +54,114 @@ class BlockJob(NamedTuple):
     out: Array
     width: int
     column: int
-    h: float
-    slots: int
-    stride: int
-    total: int
-    head: int
-    last_h: float
-    rounds: int
-    done: int = 0
-    save_steps: NDArray[np.int64] = NO_SAVE_STEPS
-    cuts: Array = NO_CUTS
+    steps: StepRange
 
-    @property
-    def steps(self) -> StepRange:
-        """The steps that are not yet done."""
-        return StepRange(
-            self.h,
-            self.slots,
-            self.stride,
-            self.total,
-            int(self.order is not None),
-            self.done,
-            self.total,
-            self.head,
-            self.last_h,
-            self.save_steps,
-            self.save_steps.size,
-            self.cuts,
-        )
-
-
-class Sink(Protocol):
-    """A destination for the results of blocks: memory, a file, or the shards of a run directory."""
-
-    def reserve(self, low: int, count: int) -> tuple[np.ndarray, int, int]:
-        """Reserve memory for the values that members low ... low + count - 1 save.
-
-        Returns an array, its width, and the first column of these members.
-        """
-
-    def has(self, place: int) -> bool:
-        """Return whether an earlier run left the results of the block at a place."""
-
-    def resumed(self, job: "BlockJob") -> "BlockJob":
-        """Return a block continued from the state that an earlier run left, if there is one."""
-
-    @property
-    def keeper(self) -> Keeper | None:
-        """Return the object that stores states of blocks in progress, None if there is none."""
-
-    def gather(self, job: "BlockJob", results: dict[str, np.ndarray]) -> Any:
-        """Gather the values of a finished block, in the thread that moved it; return what `take`
-        needs. Several blocks may do this at once."""
-
-    def take(self, found: Any) -> None:
-        """Store a finished block, in the main thread; found : what `gather` returned."""
-
-    def finish(self) -> Any:
-        """Complete the result and return it."""
-
-    def discard(self) -> None:
-        """Drop an incomplete result."""
+    def after(self, done: int) -> "BlockJob":
+        """Return the block after `done` steps."""
+        return self._replace(steps=self.steps._replace(first=done))
 
 
 def compute(
-    plan: Plan,
-    result: ResultLayout,
-    initial: Initial,
-    program: Program | None,
+    run: SettledRun,
     sink: Sink,
-    *,
-    threads: int,
-    block: int,
-    units: UnitScale | None = None,
-    progress: Progress = False,
+    machine: Machine,
     blocks: Iterable[int] | None = None,
     members: int | None = None,
 ) -> dict[str, int]:
-    """Compute all blocks of a plan, or only those in `blocks`, and hand each finished block to the
+    """Compute all blocks of a run, or only those in `blocks`, and hand each finished block to the
     sink; return {status: number of members}.
 
-    result : its layout, in the units of the scene;  units : of the plan's integration
-    initial : builds the members of a block;  block : number of members in a block
-    members : number of members in `blocks`, for the progress bar
+    members : number of members in `blocks`
     """
+    plan, everyone, block = run.plan, run.members, machine.block
+    members = everyone.size if members is None else members
+    program = run.program(machine.device) if members else None
     flagged = dict.fromkeys(layout.STATUSES, 0)
 
     def make(i: int) -> BlockJob:
         low = i * block
-        count = min(block, plan.members - low)
-        rows, start = initial(plan.first + low, count)
-        place = (plan.first + low, count, rows, start, *sink.reserve(low, count))
-        job = _make_job(plan, program, *place)
+        count = min(block, everyone.size - low)
+        job = make_job(run, program, everyone.first + low, count, sink.reserve(low, count))
         return job if program is None else sink.resumed(job)
 
     # returns no job that the sink does not need: the next block then reuses its memory, which is
     # still in the cache of this core
     def end(job: BlockJob) -> tuple[list[int], Any]:
-        results = _results(job, plan, result)
+        results = _results(job, run)
         counts = np.bincount(results["status"], minlength=len(layout.STATUSES))
         if plan.columns:
-            _turn_derivatives(job, result)
-        if units is not None:
-            results = _in_units_of_scene(job, results, plan, result, units)
+            _turn_derivatives(job, run.layout)
+        if run.units is not None:
+            results = _in_units_of_scene(job, results, run.layout, run.units)
         return counts.tolist(), sink.gather(job, results)
 
     def finished(ended: tuple[list[int], Any]) -> None:
-        counts, found = ended
+        counts, gathered = ended
         for status, count in zip(layout.STATUSES, counts, strict=True):
             flagged[status] += count
-        sink.take(found)
+        sink.take(gathered)
 
-    members = plan.members if members is None else members
-    which = range(math.ceil(plan.members / block)) if blocks is None else blocks
+    which = range(math.ceil(everyone.size / block)) if blocks is None else blocks
+    threads = machine.threads
     if program is not None:
-        count = math.ceil(members / block)
-        threads = program.workers(threads, count, block, plan.times.size)
-    with reporter(progress, members, plan.grid.steps) as report:
-        left = _left(which, plan, block, sink, report)
-        if blocks is None and plan.members <= block and sink.keeper is None:
-            run_alone(make, left, finished, report.step, report.poll, end)
+        threads = program.workers(threads, math.ceil(members / block), block, plan.grid.saves)
+    with reporter(machine.progress, members, plan.grid.steps) as report:
+
+        def left() -> Iterator[int]:
+            """Yield the blocks that the sink lacks; the others count as done."""
+            for i in which:
+                if sink.has(everyone.first + i * block):
+                    report.step(block * plan.grid.steps)
+                else:
+                    yield i
+
+        if blocks is None and everyone.size <= block and sink.keeper is None:
+            run_alone(make, left(), finished, report.step, report.poll, end)
         else:
-            run_blocks(make, left, threads, finished, report.step, report.poll, sink.keeper, end)
+            run_blocks(make, left(), threads, finished, report.step, report.poll, sink.keeper, end)
     return flagged
 
 
-def _left(
-    blocks: Iterable[int], plan: Plan, block: int, sink: Sink, report: Report
-) -> Iterator[int]:
-    """Return the blocks that the sink lacks; the others count as done."""
-    for i in blocks:
-        if sink.has(plan.first + i * block):
-            report.step(block * plan.grid.steps)
-        else:
-            yield i
-
-
-def steps_of_job(plan: Plan, slots: int) -> dict[str, Any]:
-    """Return the fields of a BlockJob that tell its steps; slots : of a round."""
-    grid = plan.grid
-    return {
-        "h": grid.dt,
-        "slots": slots,
-        "stride": 0 if grid.listed else slots * grid.stride,
-        "save_steps": slots * grid.save_steps if grid.listed else NO_SAVE_STEPS,
-        "total": slots * grid.steps,
-        "head": slots * grid.head,
-        "last_h": grid.last_dt,
-        "rounds": grid.steps,
-        "cuts": cut_rows(plan.model.effects, grid.clock, grid.steps, plan.has_member_steps),
-    }
-
-
-def _make_job(
-    plan: Plan,
-    program: Program | None,
-    first: int,
-    count: int,
-    rows: Array,
-    start: Start,
-    out: Array,
-    width: int,
-    column: int,
+def make_job(
+    run: SettledRun, program: Program | None, first: int, count: int, place: Place
 ) -> BlockJob:
-    """Build a block of `count` members from place `first` on. Its values go to the columns of `out`
-    from `column` on. Closed forms (no program) are computed here.
-
-    width : columns of `out`
-    """
-    order, slots, random = None, 1, NO_NOISE
-    members = plan.indices(first, rows.shape[1])
-    if program is None:
-        _close(plan, rows, start, out, width, column)
-    else:
-        random = noise_keys(plan.model.effects, plan.run.seed, members)
+    """Build a block of `count` members from place `first` on; `place` : of its values. Closed forms
+    (no program) are computed here."""
+    plan, order, slots, noise = run.plan, None, 1, NO_NOISE
+    rows, start = run.initial(first, count)
+    members = run.members.indices(first, rows.shape[1])
+    if program is not None:
+        noise = noise_keys(plan.model.effects, plan.run.seed, members)
         if plan.has_member_steps:
             order = order_by_steps(rows)
             # the others are 0 so far; derivatives follow the axes
             for some in (*rows_to_fill(plan.model.effects), slice(plan.places.axes, None)):
                 _reorder(rows[some], order)
             slots = int(rows[layout.STEPS].max(initial=1.0))
-    return BlockJob(
-        first=first,
-        size=count,
-        members=members,
-        start=start,
-        program=program,
-        noise=random,
-        block=rows,
-        order=order,
-        out=out,
-        width=width,
-        column=column,
-        **steps_of_job(plan, slots),
+    steps = steps_of(plan, slots)
+    job = BlockJob(first, count, members, start, program, noise, rows, order, *place, steps)
+    if program is None:
+        _close(job, plan)
+    return job
+
+
+def steps_of(plan: Plan, slots: int) -> StepRange:
+    """Return all steps of a block; slots : of a round."""
+    grid = plan.grid
+    listed = slots * grid.save_steps if grid.listed else NO_SAVE_STEPS
+    return StepRange(
+        h=grid.dt,
+        slots=slots,
+        stride=0 if grid.listed else slots * grid.stride,
+        total=slots * grid.steps,
+        member_steps=int(plan.has_member_steps),
+        first=0,
+        last=slots * grid.steps,
+        head=slots * grid.head,
+        last_h=grid.last_dt,
+        save_steps=listed,
+        save_count=listed.size,
+        cuts=cut_rows(plan.model.effects, grid.clock, grid.steps, plan.has_member_steps),
     )
 
 
@@ -261,24 +172,25 @@ def _reorder(rows: Array, order: NDArray[np.int64]) -> None:
         row[:] = row[order]
 
 
-def _close(plan: Plan, rows: Array, start: Start, out: Array, width: int, column: int) -> None:
+def _close(job: BlockJob, plan: Plan) -> None:
     """Write the values of closed forms at all saves, and write the last states to the rows."""
     observables = list(plan.recording.recorded.values())
-    clock, effects = plan.grid.clock, plan.model.effects
-    described = plan.has_axes
-    values = closed_values(effects, observables, rows, start, plan.times, clock, described)
-    if width:
-        place = slice(column, column + rows.shape[1])
-        out.reshape(plan.times.size, -1, width)[:, :, place] = values
+    grid, effects, rows = plan.grid, plan.model.effects, job.block
+    values = closed_values(
+        effects, observables, rows, job.start, grid.times, grid.clock, plan.has_axes
+    )
+    if job.width:
+        place = slice(job.column, job.column + rows.shape[1])
+        job.out.reshape(grid.saves, -1, job.width)[:, :, place] = values
 
 
-def _results(job: BlockJob, plan: Plan, result: ResultLayout) -> dict[str, np.ndarray]:
+def _results(job: BlockJob, run: SettledRun) -> Arrays:
     """Return {variable: values} of a block's finished members, except values saved over time."""
-    rows = job.block
+    plan, rows = run.plan, job.block
     if job.order is not None:
         _reorder(rows, np.argsort(job.order))
     if END in plan.wrt:
-        add_derivatives_by_end(plan, rows, _saves_of(job, result))
+        add_derivatives_by_end(plan, rows, _saves_of(job, run.layout))
     status = rows[layout.STATUS, : job.size].astype("i1")
     flagged, fault = rows[layout.STATUS] > 0.0, rows[layout.FAULT_STEP]
     step, time = np.array(-1.0), np.array(np.nan)  # of a fault that most blocks do not have
@@ -289,15 +201,14 @@ def _results(job: BlockJob, plan: Plan, result: ResultLayout) -> dict[str, np.nd
     law = drift_laws(plan.conserved, plan.kind.is_reversible, stops, rows, made, plan.dtype)
     if flagged.any():
         step, time = np.where(flagged, fault, step), np.where(flagged, clock.time(fault), time)
+    monitored = monitors.results(
+        plan.monitors, plan.places, _differentiated(rows, plan), clock, made, plan.nodes
+    )
     return {
         "energy_drift_max": rows[layout.DRIFT],
         "l2_drift_max": rows[layout.DRIFT + 1],
         "drift_law": law,
-        **_with_changes(
-            monitors.results(
-                plan.monitors, plan.places, _differentiated(rows, plan), clock, made, plan.nodes
-            )
-        ),
+        **_with_changes(monitored),
         "status_step": np.broadcast_to(step, flagged.shape),
         "status_time": np.broadcast_to(time, flagged.shape),
         "status": status,
@@ -315,7 +226,7 @@ def _differentiated(rows: Array, plan: Plan) -> Any:
     return DualArray(rows[:end], tangents)
 
 
-def _with_changes(found: dict[str, Any]) -> dict[str, np.ndarray]:
+def _with_changes(found: dict[str, Any]) -> Arrays:
     """Return results as plain arrays, and their derivatives as d_NAME, nan where the value is."""
     changes = {
         derivative_name(name): np.where(np.isnan(x.value), np.nan, x.tangents)
@@ -345,16 +256,12 @@ def _turn_derivatives(job: BlockJob, result: ResultLayout) -> None:
 
 
 def _in_units_of_scene(
-    job: BlockJob,
-    results: dict[str, np.ndarray],
-    plan: Plan,
-    result: ResultLayout,
-    units: UnitScale,
-) -> dict[str, np.ndarray]:
+    job: BlockJob, results: Arrays, result: ResultLayout, units: UnitScale
+) -> Arrays:
     """Convert results to the scene's units; values saved over time are changed in place."""
     if job.width:
         saves = _saves_of(job, result)
-        for name, rows in plan.saved.items():
+        for name, rows in result.saved.items():
             saves[:, rows] *= units.factor(result.recording.observable(name).units)
         for j, unit in enumerate(result.axes.parameter_units):
             saves[:, :, 1 + j] /= units.factor(unit)

@@ -36,7 +36,7 @@ def add_derivatives_by_end(plan: Plan, rows: Array, saves: Array) -> None:
     moves = (rows[layout.STATUS] == 0.0) & ~_stopped(plan, rows)
     found, now, rates = _rates(plan, rows)
     saves[-1, :, column] = np.where(moves, found, 0.0)
-    each, time = rows[layout.STEPS], float(plan.times[-1])
+    each, time = rows[layout.STEPS], plan.grid.end
     made = plan.grid.steps * each
     steps = plan.grid.clock.of(each).weighed(made, made)
     begins, changes = places.running, rows[column * places.end :]
@@ -75,7 +75,7 @@ def _rates(plan: Plan, rows: Array) -> tuple[Array, Array, Array]:
     )
     columns = [
         *rows[layout.BODY : layout.EFFECTS], *(x for part in axes for x in part),
-        *rows[places.effects : places.works], *tree_flatten(fixed), *start, plan.times[-1], *state,
+        *rows[places.effects : places.works], *tree_flatten(fixed), *start, plan.grid.end, *state,
         *rows[places.works : places.good_works],
     ]  # fmt: skip
     body = with_axes(_BODY, (0.0,) * 4 if plan.has_axes else ())

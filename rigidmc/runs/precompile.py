@@ -86,9 +86,9 @@ def _precompile_one(scene: Scene) -> Precompiled:
         return Precompiled(name, 0.0, (), rule)
     plan = run.plan
     if plan.scheme is None:
-        block, start = run.initial(plan.first, 1)
+        block, start = run.initial(run.members.first, 1)
         observables = list(plan.recording.recorded.values())
-        few = plan.times[:2]
+        few = plan.grid.times[:2]
         closed_values(plan.model.effects, observables, block, start, few, plan.grid.clock)
     else:
         run.program()

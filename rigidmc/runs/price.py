@@ -52,8 +52,10 @@ def cost_per_step(
     assert program is not None, "closed forms make no steps"
     on_device, own = is_gpu(device), int(plan.has_member_steps)
     members = DEVICE_BLOCK if on_device else members
-    random = noise_keys(plan.model.effects, plan.run.seed, plan.indices(plan.first, members))
-    staged, _ = run.initial(plan.first, members)
+    random = noise_keys(
+        plan.model.effects, plan.run.seed, run.members.indices(run.members.first, members)
+    )
+    staged, _ = run.initial(run.members.first, members)
     staged[layout.STEPS] = 1.0
     order = NO_SAVES._replace(order=np.arange(staged.shape[1]))
 
@@ -95,19 +97,19 @@ def predicted_seconds(
     Runs of 8192 members and of three times as many give the cost per member. Their results go to
     memory or to a file of the same kind, which a kernel timing omits.
     """
-    plan, device = run.plan, resolve_device(device)
+    members, device = run.members.size, resolve_device(device)
     size = WAVE if is_gpu(device) else REHEARSED
-    if plan.members < 8 * size:
+    if members < 8 * size:
         if not is_gpu(device):
             assert run.choice is not None
-            return plan.members / run.choice.members_per_second(threads)
-        return _of_a_member(run, device) * moved_at_once(plan.members, threads, device)
+            return members / run.choice.members_per_second(threads)
+        return _of_a_member(run, device) * moved_at_once(members, threads, device)
     seconds = _rehearsed(run, threads, device, output, size)
     small = float(np.median(seconds[size][1:]))  # the first run warms up
     large = float(np.median(seconds[3 * size]))
     # the difference omits the fixed cost of a run
     each = max(large - small, 0.2 * large) / (2 * size)
-    return large + each * (plan.members - 3 * size)
+    return large + each * (members - 3 * size)
 
 
 def _rehearsed(
@@ -118,14 +120,13 @@ def _rehearsed(
     size: int,
 ) -> dict[int, list[float]]:
     """Return {members: [seconds of each run]} for `size` members and three times as many."""
-    plan = run.plan
-    block = block_of(plan, threads, device, output is not None)
+    first, block = run.members.first, block_of(run, threads, device, output is not None)
     began, datasets = time.perf_counter(), []
     taken: dict[int, list[float]] = {size: [], 3 * size: []}
     with folder_beside(output) if output else tempfile.TemporaryDirectory() as folder:
         for i in range(ROUNDS):
             count = size * (1 + 2 * (i % 2))
-            few = run.with_members(range(plan.first, plan.first + count))
+            few = run.with_members(range(first, first + count))
             file = os.path.join(folder, f"{i}.nc") if output else None
             datasets.append(few.run(threads=threads, device=device, output=file, block=block))
             taken[count].append(datasets[-1].encoding["rigidmc"]["run_seconds"])
@@ -183,13 +184,13 @@ def price(
     """
     threads = threads or threads_available()
     run = prepare_scene(scene)
-    plan = run.plan
+    members = run.members.size
     return Price(
-        plan.members,
-        plan.mean_steps if plan.scheme else 0.0,
+        members,
+        run.plan.mean_steps if run.plan.scheme else 0.0,
         _seconds(run, reduce, threads, folder, resolve_device(device)),
         threads,
-        needs(run.layout, plan, plan.members, LANES, threads).file if folder else 0,
+        needs(run, members, LANES, threads).file if folder else 0,
     )
 
 
@@ -205,10 +206,10 @@ def _seconds(
     Ever more members are run and studied. The last two times give the cost per member; their
     difference omits the fixed cost of a study.
     """
-    scene, members, share = run.scene, run.plan.members, 1.0
+    scene, members, share = run.scene, run.members.size, 1.0
     block = 0.0 if run.plan.scheme is None else LANES * _of_a_member(run, device)
     if block > LONG:
-        saves = run.plan.times.size - 1
+        saves = run.plan.grid.saves - 1
         kept = max(SAVES, math.ceil(saves * LONG / block))
         if kept >= saves:  # the time of such a study is the time of its steps
             return block * max(1.0, members / LANES / threads)
@@ -296,16 +297,14 @@ def some_of(run: PreparedRun, kept: Iterable[int]) -> PreparedRun:
         model=plan.model._replace(effects=effects),
         recording=plan.recording._replace(**nothing, has_work=False, observables=()),
         scheme=plan.scheme._replace(integrator=integrator),
-        labels=(),
         works=(),
         monitors=Monitors(),
         places=places_of(effects, False, Monitors(), False),
         nodes=0,
-        saved={},
         wrt=(),
         derivatives=NO_DERIVATIVES,
     )
-    return PreparedRun(run.scene, bare, run.layout, None, run.sampler, None, None, (), ())
+    return PreparedRun(bare, run.layout, run.members, None, run.sampler)
 
 
 def prices(run: PreparedRun) -> tuple[float, Any, dict[str, Any], float, float]:

@@ -14,8 +14,8 @@ from rigidmc.errors import NoRoom
 from rigidmc.files.outputs import Path
 from rigidmc.inputs.amounts import count_text
 from rigidmc.physics.integrators.rk4 import RK4
-from rigidmc.planning.plan import Plan
 from rigidmc.results.layout import ResultLayout
+from rigidmc.runs.settled import SettledRun
 
 SLAB = 32 * 2**20  # bytes of saved values that a block may hold before they go to a file
 # The same on GPUs. A GPU moves 50,000 members at once, limited by registers: a block is ten such
@@ -39,40 +39,42 @@ def moved_at_once(members: int, threads: int, device: str) -> float:
     return max(WAVE, each) if is_gpu(device) else each
 
 
-def block_of(plan: Plan, threads: int, device: str, streaming: bool) -> int:
+def block_of(run: SettledRun, threads: int, device: str, streaming: bool) -> int:
     """Choose the members of a block: few enough to occupy all threads, and fewer for a file.
 
     In memory, blocks are large enough for their steps to outlast their overhead. The blocks of a
     file are its chunks, whose bytes depend on the number of threads alone.
     """
+    plan, members = run.plan, run.members.size
     blocks = (1 if plan.has_member_steps else 4) * threads
     if is_gpu(device):
-        blocks = max(movers(threads, device), min(blocks, plan.members // WAVE))
-        block = min(DEVICE_BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
+        blocks = max(movers(threads, device), min(blocks, members // WAVE))
+        block = min(DEVICE_BLOCK, whole_lanes(math.ceil(members / blocks)))
         # in memory, most saves are written directly to their final place
-        return min(block, members_within(plan, DEVICE_SLAB if streaming else 16 * DEVICE_SLAB))
+        slab = DEVICE_SLAB if streaming else 16 * DEVICE_SLAB
+        return min(block, members_within(run.layout, slab))
     if streaming:
-        block = min(BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
-        return min(block, members_within(plan, SLAB))
+        block = min(BLOCK, whole_lanes(math.ceil(members / blocks)))
+        return min(block, members_within(run.layout, SLAB))
     steps = plan.mean_steps * max(1.0, plan.kind.evaluations / RK4.evaluations)
-    blocks = min(blocks, max(1, math.ceil(plan.members * steps / LEAST)))
+    blocks = min(blocks, max(1, math.ceil(members * steps / LEAST)))
     most = BLOCK + 2 * LANES  # 4,096 members fit
-    blocks = max(blocks, math.ceil(plan.members / most))
+    blocks = max(blocks, math.ceil(members / most))
     if blocks > threads:  # as many for each thread, so that none waits for the last block
         blocks = threads * math.ceil(blocks / threads)
-    block = whole_lanes(math.ceil(plan.members / blocks))
+    block = whole_lanes(math.ceil(members / blocks))
     return block + LANES if block % PAGE == 0 else block
 
 
-def members_within(plan: Plan, slab: int) -> int:
+def members_within(result: ResultLayout, slab: int) -> int:
     """Return how many members have saved values of about `slab` bytes."""
-    values = 8 * max(1, plan.values) * (1 + plan.columns) * plan.times.size
+    values = 8 * max(result.numbers, result.axes.times.size * (1 + result.columns))
     return max(LANES, slab // values // LANES * LANES)
 
 
-def block_of_shard(plan: Plan, shard: int) -> int:
+def block_of_shard(result: ResultLayout, shard: int) -> int:
     """Choose the members of a GPU block so that blocks divide a shard: all of it if they fit."""
-    most = min(2 * DEVICE_BLOCK, members_within(plan, DEVICE_SLAB))
+    most = min(2 * DEVICE_BLOCK, members_within(result, DEVICE_SLAB))
     return shard if shard <= most else block_in(shard, most)
 
 
@@ -90,12 +92,11 @@ class Needs(NamedTuple):
     file: int
 
 
-def needs(result: ResultLayout, plan: Plan, members: int, block: int, threads: int) -> Needs:
+def needs(run: SettledRun, members: int, block: int, threads: int) -> Needs:
     """Compute the Needs of a run with a given number of members."""
-    _, each = result.bytes_of_a_member()
-    saves = plan.times.size * plan.values
-    numbers = layout.EFFECTS + 20 + plan.monitors.rows + saves
-    of_block = 8 * block * numbers * (1 + plan.columns)
+    _, each = run.layout.bytes_of_a_member()
+    rows = (layout.EFFECTS + 20 + run.plan.monitors.rows) * (1 + run.plan.columns)
+    of_block = 8 * block * (rows + run.layout.numbers)
     scratch = of_block * (min(threads, -(-members // block)) + 2)
     return Needs(
         int(BASE + scratch + each * members),
@@ -105,13 +106,14 @@ def needs(result: ResultLayout, plan: Plan, members: int, block: int, threads: i
 
 
 def check_resources(
-    needed: Needs, members: int, threads: int, path: Path | None = None, more: int = 0
+    run: SettledRun, members: int, block: int, threads: int, path: Path | None = None, more: int = 0
 ) -> None:
-    """Raise NoRoom if a run needs more than the free memory or, with its result in `path`, more
-    than the free disk there.
+    """Raise NoRoom if a run with a given number of members needs more than the free memory or, with
+    its result in `path`, more than the free disk there.
 
     more : additional bytes of memory, for shards
     """
+    needed = needs(run, members, block, threads)
     asked = (needed.memory if path is None else needed.lean) - BASE + more
     if (free := short_of(asked)) is not None:
         cure = "keep fewer values (--keep final), save fewer observables, or run fewer members"

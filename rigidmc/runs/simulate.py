@@ -1,8 +1,8 @@
-"""The main function: prepare a scene, run its members, and return a Dataset or write a file."""
+"""The main functions: prepare a scene; run its members, and return a Dataset or write a file."""
 
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,14 +12,85 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.errors import warn
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.inputs.amounts import read_count
+from rigidmc.planning.saves import FEW_MEMBERS, first_and_last
 from rigidmc.processes.progress import Progress, announce
-from rigidmc.runs.prepare import prepare
+from rigidmc.runs.members import range_of_members, with_settings
+from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.scene.drifts import one_way
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
+from rigidmc.scene.varied import nominal_of
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+@takes_settings
+@takes_scene
+def prepare(
+    scene: Scene,
+    integrator: Any = None,
+    *,
+    members: int | range | NDArray[np.int64] | None = None,
+    varied: Iterable[str] = (),
+    **settings: Any,
+) -> PreparedRun:
+    """Prepare a run: check a scene, choose its units, integrator and step, and resolve all names.
+
+    `simulate` is `prepare(...).run(...)`. Prepare a run once if it runs many times.
+
+    The parameters from `dt` on are settings of the run (`Run`) that replace the scene's own; None
+    keeps the scene's own.
+
+    Parameters
+    ----------
+    scene : Scene or path_like
+        the scene, its file, or the name of a shipped scene
+    integrator : str or integrator, optional
+        as in `simulate`
+    members : int, range or array_like of int, optional
+        as in `simulate`
+    varied : iterable of str, optional
+        parameters that `run(values=)` replaces, named as in maps and `--set`: a vector,
+        "start.omega", or one of its components, "start.omega.3". The scene's own values plan the
+        run and settle nothing else: no closed form or symmetry relies on them
+    {settings}
+
+    Returns
+    -------
+    PreparedRun
+        with `notes`, `plan`, `choice`, and the methods `compile` and `run`
+
+    Raises
+    ------
+    SceneError
+        for a scene that cannot run
+
+    See Also
+    --------
+    simulate : prepare a scene and run it once.
+
+    Examples
+    --------
+    >>> run = rm.prepare("dzhanibekov", members=4, t_end=1.0, every=0.5)
+    >>> run.plan.grid.steps
+    100
+    >>> run.run().sizes["member"]
+    4
+    """
+    whole = scene.run.members
+    members, which = range_of_members(members)
+    scene = with_settings(scene, members, {**settings, "integrator": integrator})
+    if names := (varied,) if isinstance(varied, str) else tuple(varied):
+        scene = scene.with_run(varied=nominal_of(scene.model, names))
+    count = scene.run.members if which is None else which.size
+    if isinstance(members, range):
+        # A part of an ensemble has the saves of the whole, so that parts fit together. The result
+        # says so: else its own scene, which has few members, would save more.
+        count = max(count, whole)
+        scene = first_and_last(scene) if count > FEW_MEMBERS else scene
+    run = prepare_scene(scene, count)
+    return run if which is None else run.with_members(which)
 
 
 @takes_settings
@@ -115,7 +186,7 @@ def simulate(
             if run.choice.short:
                 warn(run.choice.short)
             if progress is True:
-                print("\n".join(run.choice.lines(run.plan.members, expected)), file=sys.stderr)
+                print("\n".join(run.choice.lines(run.members.size, expected)), file=sys.stderr)
         dataset = run.run(
             threads=threads,
             device=device,

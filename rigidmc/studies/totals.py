@@ -4,6 +4,7 @@ and the number of flagged members."""
 import math
 import operator
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,14 +20,13 @@ from rigidmc.results.layout import ResultLayout
 from rigidmc.results.sinks import (
     Arrays,
     HistogramCounts,
-    Place,
-    WholeSink,
-    make_buffer,
+    Sink,
 )
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.blocks import BlockJob, compute
-from rigidmc.runs.prepare import prepare
 from rigidmc.runs.resources import block_of
+from rigidmc.runs.settled import Machine
+from rigidmc.runs.simulate import prepare
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.statistics.columns import Column, Columns
 from rigidmc.statistics.estimates import why_no_interval
@@ -98,20 +98,11 @@ def simulate_totals(
     with announce(progress):
         run = prepare(scene)
         device = "cpu" if run.plan.scheme is None else resolve_device(device)
-        block = MORE * block_of(run.plan, threads, device, True)
-        sink = _TotalsSink(run.layout, asked)
+        block = MORE * block_of(run, threads, device, True)
+        sink = _TotalsSink(run.layout, run.members.first, asked)
         # the layout of the sink: what no total needs stays in the units of integration
-        members = compute(
-            run.plan,
-            sink.layout,
-            run.initial,
-            run.program(device),
-            sink,
-            threads=threads,
-            block=block,
-            units=run.units,
-            progress=progress,
-        )
+        run = replace(run, layout=sink.layout)
+        members = compute(run, sink, Machine(threads, device, block, progress))
     return sink.totals(members, confidence)
 
 
@@ -172,21 +163,18 @@ def _sum_measure(text: str, scene: Scene) -> Measure:
     return asked
 
 
-class _TotalsSink(WholeSink):
+class _TotalsSink(Sink):
     """A sink that adds finished blocks to totals. The thread that moved a block takes its totals,
     while its values are in the cache of this core."""
 
-    def __init__(self, layout: ResultLayout, measures: list[Measure]) -> None:
+    def __init__(self, layout: ResultLayout, first: int, measures: list[Measure]) -> None:
         names = {"status", "status_time", *(name for one in measures for name in one.names)}
         kept = {name: v for name, v in layout.by_member.items() if name in names}
         self.layout, self._measures = layout._replace(by_member=kept), measures
+        self._first = first
         self._totals = [_Total() for _ in measures]
         self._sums = OrderedSums(sum(one.kind == "mean" for one in measures))
         self._histograms = HistogramCounts(layout.recording.histograms)
-
-    def reserve(self, low: int, count: int) -> Place:
-        """Return the place for the values of `count` members."""
-        return make_buffer(self.layout, count)
 
     def gather(self, job: BlockJob, results: Arrays) -> tuple[int, list[_Total], Arrays]:
         """Return the first group of a finished block, its totals, and its counts."""
@@ -194,7 +182,7 @@ class _TotalsSink(WholeSink):
         if self._histograms.histograms:
             parts = self.layout.split(self.layout.saves(job.out, job.width)[..., job.column :])
             counts = self._histograms.of(job, parts, results["status"])
-        group = (job.first - self.layout.first) // GROUP
+        group = (job.first - self._first) // GROUP
         return group, [_total_of(one, block) for one in self._measures], counts
 
     def _columns(self, job: BlockJob, results: Arrays) -> dict[str, Column]:
@@ -207,9 +195,9 @@ class _TotalsSink(WholeSink):
             block[name] = Column(np.asarray(values[..., : job.size], dtype), attrs)
         return block
 
-    def take(self, found: tuple[int, list[_Total], Arrays]) -> None:
+    def take(self, gathered: tuple[int, list[_Total], Arrays]) -> None:
         """Add the totals of a finished block."""
-        group, totals, counts = found
+        group, totals, counts = gathered
         both = zip(self._totals, totals, strict=True)
         self._totals = [total.plus(more) for total, more in both]
         self._sums.add(group, [one.groups for one in totals if one.groups is not None])
@@ -244,9 +232,3 @@ class _TotalsSink(WholeSink):
         }
         del coordinates["member"]
         return xr.Dataset(variables, coordinates, attributes)
-
-    def finish(self) -> None:
-        """Return nothing: `totals` returns the result."""
-
-    def discard(self) -> None:
-        """Drop nothing: totals are small."""

@@ -51,8 +51,8 @@ def describe_scene(scene: Scene, threads: int, device: str = "cpu") -> str:
         *_room(run, threads, device),
     ]
     if (chosen := run.choice) is not None:
-        seconds = run.plan.members / chosen.members_per_second(threads)
-        lines += chosen.lines(run.plan.members, seconds)
+        seconds = run.members.size / chosen.members_per_second(threads)
+        lines += chosen.lines(run.members.size, seconds)
     if run.plan.scheme is None:
         return "\n".join([*lines, "cost         closed form at every save"])
     lines += _cost(run, threads, device)
@@ -73,7 +73,7 @@ def outline(scene: Scene) -> list[str]:
         if type(effect) in EFFECTS.values()
     ]
     price = [f"price        {'; '.join(prices)}"] if prices else []
-    members = [f"members      {run.plan.members:,}, seed {scene.run.seed}"]
+    members = [f"members      {run.members.size:,}, seed {scene.run.seed}"]
     return [*lines, *_compiled(run), *price, *_steps(run, scene.run.every), *members]
 
 
@@ -174,7 +174,7 @@ def _steps(prepared_run: PreparedRun, every: SaveTimes | None, device: str = "cp
         less = f", {run.every:.6g} s apart: chosen to plot, unless run.every is set"
     elif isinstance(every, str):
         less = f", {run.every:.6g} s apart: {every}{less}"
-    lines.append(f"saves        {saved} at {count_text(plan.times.size, 'time')}{less}")
+    lines.append(f"saves        {saved} at {count_text(grid.saves, 'time')}{less}")
     if plan.wrt:
         made = derivatives_on(device, plan)
         parameters = count_text(len(plan.wrt), "parameter")
@@ -191,20 +191,20 @@ def _steps(prepared_run: PreparedRun, every: SaveTimes | None, device: str = "cp
 
 def _room(run: PreparedRun, threads: int, device: str) -> list[str]:
     """Describe members, blocks, memory and files."""
-    plan, settings = run.plan, run.scene.run
-    size = block_of(plan, threads, device, False)
-    memory, with_file, file = needs(run.layout, plan, plan.members, size, threads)
+    members, settings = run.members.size, run.scene.run
+    size = block_of(run, threads, device, False)
+    memory, with_file, file = needs(run, members, size, threads)
     free = free_memory()
     has = f"; {in_words(free)} free" if free is not None else ""
     packed = settings.compress or settings.digits is not None
     block, shard = shard_members(run)
     few = shorten_shards(run, block, shard, device=device)[1]
-    shards = count_text(-(-plan.members // few), "shard")
+    shards = count_text(-(-members // few), "shard")
     shards += f" of {count_text(few, 'member')} with -o RUN/"
     if few != shard:
-        shards += f", limited by time; {-(-plan.members // shard):,} of {shard:,} with --shards"
+        shards += f", limited by time; {-(-members // shard):,} of {shard:,} with --shards"
     return [
-        f"members      {plan.members:,} in blocks of {size:,} on {count_text(threads, 'thread')}",
+        f"members      {members:,} in blocks of {size:,} on {count_text(threads, 'thread')}",
         f"memory       {in_words(memory)} as a Dataset in memory, {in_words(with_file)} with"
         f" -o FILE, including {in_words(BASE)} for interpreter and libraries{has}",
         f"file         {in_words(file)}{' before compression' if packed else ''}",
@@ -220,7 +220,7 @@ def _cost(run: PreparedRun, threads: int, device: str) -> list[str]:
     assert program is not None  # the caller handles closed forms
     lines = [f"code         {to_compile(program)}"]
     cost = cost_per_step(run, device)
-    total = cost * 1e-9 * moved_at_once(plan.members, threads, device) * plan.mean_steps
+    total = cost * 1e-9 * moved_at_once(run.members.size, threads, device) * plan.mean_steps
     made = run.program(device)
     assert made is not None
     one, every = made.places(threads)

@@ -53,7 +53,7 @@ from rigidmc.runs.assemble import derivatives_on
 from rigidmc.runs.directory import checkpoints, cluster
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
-from rigidmc.runs.prepare import PreparedRun
+from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import (
     DEVICE_SLAB,
     WAVE,
@@ -646,15 +646,15 @@ def test_blocks_fill_devices_and_no_memory(fake):
     """Few members are one block for each device; many saves make blocks small, shards are one."""
     fake(devices=2)
     scene = SCENE.with_run(save=("omega", "flips"))
-    few = plan_of(scene.with_run(members=1000))
-    many = plan_of(scene.with_run(members=10**7))
-    wide = plan_of(scene.with_run(members=10**7, every=0.02))
+    few = prepare_scene(scene.with_run(members=1000))
+    many = prepare_scene(scene.with_run(members=10**7))
+    wide = prepare_scene(scene.with_run(members=10**7, every=0.02))
     blocks = [block_of(one, 16, "cuda", False) for one in (few, many)]
     block = block_of(wide, 16, "cuda", True)
     assert blocks == [512, 156_256] and movers(16, "cuda") == 2
-    saved = block * wide.values * wide.times.size * 8
+    saved = block * wide.layout.numbers * 8
     assert 0.98 * DEVICE_SLAB < saved <= DEVICE_SLAB
-    assert block_of_shard(many, 137 * 4064) == 137 * 4064  # which has no large divisor
-    assert block_of_shard(wide, 137 * 4064) <= block
-    assert moved_at_once(few.members, 16, "cuda") == WAVE
-    assert moved_at_once(many.members, 16, "cuda") == 5e6
+    assert block_of_shard(many.layout, 137 * 4064) == 137 * 4064  # which has no large divisor
+    assert block_of_shard(wide.layout, 137 * 4064) <= block
+    assert moved_at_once(few.members.size, 16, "cuda") == WAVE
+    assert moved_at_once(many.members.size, 16, "cuda") == 5e6

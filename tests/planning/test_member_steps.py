@@ -148,8 +148,8 @@ def test_axes_are_sorted_with_their_members():
     start = rm.Start(omega=(rm.uniform(0.1, 20.0), 1.0, 0.0))
     scene = rm.Scene(rm.Body.from_tensor(tensors), start=start).with_run(turn=0.1, every=1.0)
     made = rm.prepare(scene, save=("omega",), t_end=1.0)
-    rows, given = made.initial(0, 32)
-    job = blocks._make_job(made.plan, object(), 0, 32, rows, given, np.empty(0), 0, 0)
+    given = made.initial(0, 32)[1]
+    job = blocks.make_job(made, object(), 0, 32, (np.empty(0), 0, 0))
     axes = slice(made.plan.places.axes, made.plan.places.end)
     assert (job.order != np.arange(32)).any()
     assert np.array_equal(job.block[axes], given["principal_axes"][:, job.order])

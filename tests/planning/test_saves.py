@@ -110,7 +110,7 @@ def test_saves_per_turn(number):
 
 def test_more_saves_per_turn_than_steps_shorten_the_steps():
     run = prepare_scene(TOP.with_run(every="50/turn", t_end=37.0, dt=1.0))
-    assert run.plan.times.size == 1 + math.ceil(50 * 37.0 * RATE / (2.0 * math.pi))
+    assert run.plan.grid.saves == 1 + math.ceil(50 * 37.0 * RATE / (2.0 * math.pi))
     assert run.plan.grid.stride == 1
 
 
@@ -128,7 +128,7 @@ def count_of(scene=TOP, **settings):
     if with_saves.plan.scheme is not None:  # the steps do not change
         assert (made.steps, made.dt, made.is_shortened) == (known.steps, known.dt, False)
         assert with_saves.layout.settings == first.layout.settings
-    return with_saves.plan.times.size - 1
+    return with_saves.plan.grid.saves - 1
 
 
 @pytest.mark.parametrize(
@@ -169,8 +169,8 @@ def test_saves_to_plot_fit_the_memory(monkeypatch):
 
 
 def test_what_prepares_a_study_adds_no_saves():
-    assert prepare_scene(TOP).plan.times.size == 2
-    assert rm.prepare(TOP, varied=("start.omega",)).plan.times.size == 2
+    assert prepare_scene(TOP).plan.grid.saves == 2
+    assert rm.prepare(TOP, varied=("start.omega",)).plan.grid.saves == 2
 
 
 def test_units_change_no_save():

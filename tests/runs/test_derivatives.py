@@ -15,10 +15,11 @@ from rigidmc.planning import plan
 from rigidmc.results.export import member_table
 from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.sinks import MemorySink, make_buffer
-from rigidmc.runs import assemble, blocks, prepare
+from rigidmc.runs import assemble, blocks, settled
 from rigidmc.runs.directory import checkpoints, gather, resume
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.dataset import open_run
+from rigidmc.runs.settled import Machine
 from rigidmc.scene.derivatives import derivative_units, parameters_of_run, quotient
 from rigidmc.views.descriptions import outline
 from rigidmc.views.sample import drive_of
@@ -77,7 +78,7 @@ def advance(program, block, steps, noise=None, saves=None):
 def _known_numbers(monkeypatch):
     monkeypatch.setattr(Program, "advance", advance)
     compiled = partial(assemble.make_program, compiled=False)
-    monkeypatch.setattr(prepare, "make_program", compiled)
+    monkeypatch.setattr(settled, "make_program", compiled)
 
 
 def check(ds, tolerance=0.0):
@@ -185,23 +186,21 @@ def test_a_block_in_progress_keeps_its_derivatives(tmp_path, monkeypatch):
     """A block that a checkpoint holds has the rows and the saves of all columns."""
     run = rm.prepare(SCENE, wrt=WRT)
     assert run.initial(0, 5)[0].shape == (4 * run.plan.places.end, 32)
-    built = run.initial(0, 32), make_buffer(run.layout, 32)
-    job = blocks._make_job(run.plan, run.program(), 0, 32, *built[0], *built[1])
+    job = blocks.make_job(run, run.program(), 0, 32, make_buffer(run.layout, 32))
     assert job.out.size == 3 * 8 * 4 * 32
-    assert checkpoints._saved(job._replace(stride=4, total=8), 4) == 2 * 8 * 4 * 32
+    job = job._replace(steps=job.steps._replace(stride=4, total=8))
+    assert checkpoints._saved(job, 4) == 2 * 8 * 4 * 32
 
 
 def test_a_shard_in_progress_keeps_its_derivatives():
     run = rm.prepare(SCENE, wrt=WRT, keep={"omega": "final"})
-    result = run.layout._replace(block=32)
-    first, second = MemorySink(result, {}, False), MemorySink(result, {}, False)
+    first, second = (MemorySink(run.layout, run.members, direct=False) for _ in range(2))
     for sink, some in ((first, [0]), (second, [1, 2])):
         if sink is second:
             part = first.part()
             assert sum(array.nbytes for array in part.values()) <= first.largest()
             assert second.fill(part)
-        parts = run.plan, result, run.initial, run.program(), sink
-        blocks.compute(*parts, threads=1, block=32, blocks=some, members=70)
+        blocks.compute(run, sink, Machine(1, "cpu", 32), some, 70)
     assert check(second.finish()).equals(run.run())
 
 

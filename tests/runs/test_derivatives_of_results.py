@@ -19,7 +19,7 @@ from rigidmc.physics.observables import Megno
 from rigidmc.physics.observables.saving import outputs_with_derivatives
 from rigidmc.planning import monitors
 from rigidmc.results.export import member_table
-from rigidmc.runs import assemble, prepare
+from rigidmc.runs import assemble, settled
 from rigidmc.runs.directory import gather, resume
 from rigidmc.runs.directory.create import create
 from tests.runs import test_derivatives as saved
@@ -51,7 +51,7 @@ def advance(program, block, steps, noise=None, saves=None):
 @pytest.fixture
 def known_numbers(monkeypatch):
     monkeypatch.setattr(Program, "advance", advance)
-    monkeypatch.setattr(prepare, "make_program", partial(assemble.make_program, compiled=False))
+    monkeypatch.setattr(settled, "make_program", partial(assemble.make_program, compiled=False))
 
 
 def check(ds):

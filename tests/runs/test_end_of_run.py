@@ -12,7 +12,7 @@ from rigidmc.engine.compiler.kernels import config
 from rigidmc.engine.program import Program
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.physics.dynamics.so3 import select
-from rigidmc.runs import assemble, prepare
+from rigidmc.runs import assemble, settled
 from tests.runs import test_derivatives as saved
 
 compiled = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
@@ -24,7 +24,7 @@ SCENE = saved.SCENE
 def test_the_last_save_changes_at_the_rate_of_its_state(monkeypatch):
     """By a program that moves nothing: the last state is the start."""
     monkeypatch.setattr(Program, "advance", saved.advance)
-    monkeypatch.setattr(prepare, "make_program", partial(assemble.make_program, compiled=False))
+    monkeypatch.setattr(settled, "make_program", partial(assemble.make_program, compiled=False))
     for scene in (SCENE, SCENE.with_run(turn=0.1, t_end=1.0, every=0.5, members=70)):
         ds = rm.simulate(scene, wrt=("body.moments.2", END), threads=2, block=32)
         assert ds.parameter_unit.values.tolist() == ["kg m2", "s"]

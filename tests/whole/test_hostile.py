@@ -105,10 +105,10 @@ def bounded():
             raise Passed
         return address(function, signature)
 
-    def short(plan, *given, **named):
-        if plan.members * plan.mean_steps > WORK or plan.members * plan.times.size > WORK:
+    def short(run, *given):
+        if run.members.size * max(run.plan.mean_steps, run.plan.grid.saves) > WORK:
             raise Passed
-        return compute(plan, *given, **named)
+        return compute(run, *given)
 
     def passed(*_, **__):
         raise Passed

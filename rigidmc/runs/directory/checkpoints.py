@@ -38,22 +38,24 @@ class Checkpoints:
     directory : whose lock this process holds;  layout : of the whole run
     """
 
-    def __init__(self, directory: RunDirectory, layout: ResultLayout) -> None:
+    def __init__(self, directory: RunDirectory, layout: ResultLayout, block: int) -> None:
         self.directory, self._folder = directory, directory.unfinished
         # another version may have other rows in a block
         versions, _ = this_machine("scipy")
-        about = [directory.mark, versions, layout.block, layout.facts, layout.axes.times.size]
+        about = [directory.mark, versions, block, layout.facts, layout.axes.times.size]
         self._key = hashlib.sha256(json.dumps(about).encode()).hexdigest()
-        self._due, self._size = dict[str, float](), layout.block
+        self._due, self._size = dict[str, float](), block
 
     def is_due(self, job: BlockJob) -> bool:
         """Return whether the state of a block is due to be stored again."""
         return self._is_due(self._block(job))
 
     def keep(self, job: BlockJob) -> None:
-        """Store the state of a block after `job.done` steps, and its values saved so far."""
-        done = np.array(job.done)
-        state = {"done": done, "block": job.block, "out": job.out[: _saved(job, job.done)]}
+        """Store the state of a block after the steps that it has made, and its values saved so
+        far."""
+        done = job.steps.first
+        out = job.out[: _saved(job, done)]
+        state = {"done": np.array(done), "block": job.block, "out": out}
         self._write(self._block(job), self._key_of(job), state)
 
     def resumed(self, job: BlockJob) -> BlockJob:
@@ -66,10 +68,11 @@ class Checkpoints:
             return job
         job.block[...], out = found["block"], found["out"]
         job.out[: out.size] = out
-        return job._replace(done=int(found["done"]))
+        return job.after(int(found["done"]))
 
     def _key_of(self, job: BlockJob) -> str:
-        steps = job.h, job.slots, job.stride, job.total, job.head, job.last_h
+        run = job.steps
+        steps = run.h, run.slots, run.stride, run.total, run.head, run.last_h
         return f"{self._key} {job.first} {job.size} {job.block.shape} {job.out.size} {steps}"
 
     def keep_shard(
@@ -89,7 +92,8 @@ class Checkpoints:
         name = f"{i:08d}"
         self._due.setdefault(name, time.monotonic() + EVERY)
         found = self._read(name, self._key_of_shard(shard), shard.largest())
-        known = range(shard.layout.first, shard.layout.first + shard.layout.members, self._size)
+        first, count = shard.members.first, shard.members.size
+        known = range(first, first + count, self._size)
         blocks = [] if found is None else found.get("blocks", np.empty(0)).tolist()
         some = 0 < len(blocks) < len(known) and all(place in known for place in blocks)
         if found is None or not some or not shard.fill(found):
@@ -97,7 +101,7 @@ class Checkpoints:
         return set(blocks)
 
     def _key_of_shard(self, shard: MemorySink) -> str:
-        return f"{self._key} {shard.layout.first} {shard.layout.members}"
+        return f"{self._key} {shard.members.first} {shard.members.size}"
 
     def drop_written(self) -> None:
         """Delete the checkpoints of shards that were written before a kill. Without checkpoints the
@@ -142,7 +146,7 @@ class Checkpoints:
 
 def _saved(job: BlockJob, done: int) -> int:
     """Return how many values a block has saved after `done` steps."""
-    return job.steps.saves_until(done) * (job.out.size // job.steps.saves_until(job.total))
+    return job.steps.saves_until(done) * (job.out.size // job.steps.saves_until(job.steps.total))
 
 
 def _fits(job: BlockJob, found: Mapping[str, NDArray[Any]]) -> bool:
@@ -153,4 +157,4 @@ def _fits(job: BlockJob, found: Mapping[str, NDArray[Any]]) -> bool:
     shapes = job.block.shape, (_saved(job, int(done)),)
     numbers = {job.block.dtype, job.out.dtype} == {found["block"].dtype, found["out"].dtype}
     there = found["block"].shape, found["out"].shape
-    return 0 < int(done) < job.total and numbers and shapes == there
+    return 0 < int(done) < job.steps.total and numbers and shapes == there

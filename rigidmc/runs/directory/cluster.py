@@ -41,6 +41,7 @@ from rigidmc.processes.progress import Progress, reporter
 from rigidmc.runs.directory.folder import FILES, RunDirectory
 from rigidmc.runs.directory.load import block_of_run, check_versions, load_run
 from rigidmc.runs.directory.shards import Numbers, compute_shards
+from rigidmc.runs.settled import Machine
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -319,4 +320,4 @@ def _compute(
     check_versions(directory, accept)
     run, device = load_run(directory, allow_code), resolve_device(device)
     block = block_of_run(directory, run, device)
-    return compute_shards(directory, run, [i], 1, block, device)
+    return compute_shards(directory, run, [i], Machine(1, device, block))

@@ -46,7 +46,7 @@ from rigidmc.runs.directory.shards import (
     shorten_shards,
 )
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
-from rigidmc.runs.resources import block_in, check_resources, needs
+from rigidmc.runs.resources import block_in, check_resources
 from rigidmc.scene.quantities import count_rows
 from rigidmc.scene.sampling import drawn_through
 from rigidmc.scene.scene import Scene
@@ -112,7 +112,7 @@ def create(
         block = block_in(shard, block)
     elif limit < math.inf:
         block, shard = shorten_shards(run, block, shard, limit, device)
-    members = run.plan.members
+    members = run.members.size
     count = -(-members // shard)
     here, disk = path, members
     if is_url(path):  # each shard leaves this disk before the next is written
@@ -121,8 +121,7 @@ def create(
     refuse_many(count)
     threads = threads or threads_available()
     more = memory_of_shards(run, min(shard, members), block, threads)
-    room = needs(run.layout, run.plan, disk, block, threads)
-    check_resources(room, disk, threads, here, more)
+    check_resources(run, disk, block, threads, here, more)
     return write_run_files(path, run, shard, block, about, chosen)
 
 

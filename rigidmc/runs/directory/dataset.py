@@ -94,7 +94,7 @@ def _of_run(layout: ResultLayout) -> _Layout:
             more = {**attrs, "significant_digits": layout.scene.run.digits}
             variables[name] = Variable(dims, dtype, more)
     known = dict[str, Any](layout.axes.coordinates())
-    return _Layout(variables, layout.lengths(), known, layout.attributes())
+    return _Layout(variables, layout.axes.lengths(0), known, layout.attributes())
 
 
 def _of_shard(directory: RunDirectory, path: str) -> _Layout:

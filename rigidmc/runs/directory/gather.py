@@ -32,7 +32,7 @@ from rigidmc.runs.directory.create import is_free, new_directory, place_of, refu
 from rigidmc.runs.directory.folder import CHOSEN, RunDirectory, flagged_count
 from rigidmc.runs.directory.load import block_of_run, load_run, scene_of_run
 from rigidmc.runs.directory.shards import fault_of
-from rigidmc.runs.resources import check_resources, needs
+from rigidmc.runs.resources import check_resources
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.scene import Scene
 
@@ -183,13 +183,14 @@ def consolidate(
         shards = count_text(directory.count, "shard")
         rule = f"{missing.size:,} of {shards} are missing: resume it first"
         raise FileError(rule, at="run", value=directory.path)
-    block, members = block_of_run(directory, run), run.plan.members
-    check_resources(needs(run.layout, run.plan, members, block, 1), members, 1, output)
+    block = block_of_run(directory, run)
+    members = run.members._replace(block=block)
+    check_resources(run, members.size, block, 1, output)
     directory.refuse_strays()
-    layout = run.layout._replace(block=block)
-    writer = Writer(output, layout, force, directory.facts["attributes"])
+    attrs = {**run.layout.attributes(), **directory.facts["attributes"]}
+    writer = Writer(output, run.layout, members, attrs, force)
     try:
-        _write_shards(writer, directory, layout)
+        _write_shards(writer, directory, run.layout)
         writer.finish()
     except BaseException:
         writer.discard()

@@ -18,10 +18,11 @@ from rigidmc.physics.observables import WATCHED
 from rigidmc.physics.observables.protocol import Growth
 from rigidmc.runs.directory.facts import hash_of
 from rigidmc.runs.directory.folder import RunDirectory, hash_of_file
-from rigidmc.runs.prepare import PreparedRun, contents_of_parts, prepare_scene
+from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import block_of_shard
 from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene, loads
+from rigidmc.scene.user_parts.registry import contents_of_parts
 from rigidmc.version import VERSION
 
 STUDY = "study"  # the attribute with the name of a study, then its request as JSON
@@ -66,7 +67,7 @@ def block_of_run(
     facts = directory.facts
     if block is None:
         on_device = is_gpu(device)
-        block = block_of_shard(run.plan, facts["shard"]) if on_device else int(facts["block"])
+        block = block_of_shard(run.layout, facts["shard"]) if on_device else int(facts["block"])
     if facts["shard"] % block:
         rule = f"must divide the {facts['shard']:,} members of a shard"
         raise SceneError(rule, at="run.block", value=block)

@@ -27,7 +27,8 @@ from rigidmc.runs.directory.load import (
 )
 from rigidmc.runs.directory.shards import compute_shards, memory_of_shards
 from rigidmc.runs.prepare import PreparedRun
-from rigidmc.runs.resources import check_resources, needs
+from rigidmc.runs.resources import check_resources
+from rigidmc.runs.settled import Machine
 from rigidmc.scene.quantities import count_rows
 
 
@@ -93,7 +94,8 @@ def resume(
 
         def compute() -> dict[str, int]:
             if cluster is None:
-                return compute_shards(directory, run, numbers, many, size, device, progress, stop)
+                machine = Machine(many, device, size, progress)
+                return compute_shards(directory, run, numbers, machine, stop)
             return compute_on(
                 cluster, directory, numbers, progress, stop, allow_code, accept, device=device
             )
@@ -126,8 +128,7 @@ def _refuse_hopeless(
     place = os.path.join(directory.folder, "shards")
     if directory.store is not None:
         left = shard  # each shard leaves this disk before the next is written
-    room = needs(run.layout, run.plan, left, block, threads)
-    check_resources(room, left, threads, place, more)
+    check_resources(run, left, block, threads, place, more)
 
 
 def keep_journal(directory: RunDirectory, compute: Callable[[], dict[str, int]]) -> dict[str, int]:
@@ -208,7 +209,7 @@ def extend(
     run, more = load_run(directory, allow_code), members - facts["members"]
     threads, block = threads_available(), block_of_run(directory, run)
     name = os.path.join(directory.path, "run.json")
-    check_resources(needs(run.layout, run.plan, more, block, threads), more, threads, name)
+    check_resources(run, more, block, threads, name)
     with directory.locked():
         last = directory.shards().get(directory.count - 1)
 

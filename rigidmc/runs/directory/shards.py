@@ -15,10 +15,9 @@ from rigidmc.engine.kernel.layout import BLOCK, LANES
 from rigidmc.errors import FileError, RigidmcError
 from rigidmc.files.netcdf import read
 from rigidmc.files.stores import local_copy
-from rigidmc.processes.progress import Progress, say
+from rigidmc.processes.progress import say
 from rigidmc.processes.threads import Task, Threads, drop, ending, is_late
-from rigidmc.results.layout import ResultLayout
-from rigidmc.results.sinks import Arrays, MemorySink, Place, make_buffer
+from rigidmc.results.sinks import Arrays, MemorySink, Sink
 from rigidmc.results.writer import Writer
 from rigidmc.runs.blocks import BlockJob, compute
 from rigidmc.runs.directory.checkpoints import Checkpoints
@@ -26,6 +25,7 @@ from rigidmc.runs.directory.folder import RunDirectory, flagged_count, is_damage
 from rigidmc.runs.prepare import PreparedRun
 from rigidmc.runs.price import cost_per_step
 from rigidmc.runs.resources import SLAB, WAVE, members_within
+from rigidmc.runs.settled import Machine
 
 SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
 TIME = 120.0  # seconds of one thread for a shard
@@ -38,7 +38,7 @@ Numbers = Sequence[int] | NDArray[np.int64]  # of shards
 def shard_members(run: PreparedRun, size: float = SHARD) -> tuple[int, int]:
     """Return (members of a block, members of a shard) of a run, for shards of about `size` bytes;
     neither depends on the number of threads or on the machine."""
-    block = min(BLOCK, members_within(run.plan, SLAB))
+    block = min(BLOCK, members_within(run.layout, SLAB))
     return block, block * max(1, int(size / sum(run.layout.bytes_of_a_member()) / block))
 
 
@@ -51,14 +51,14 @@ def shorten_shards(
     A shard has a power of 2 times the members of a block, or of LANES, so that small changes of the
     rate do not change it. Short runs are not measured.
     """
-    plan = run.plan
-    if plan.scheme is None or min(shard, plan.members) * plan.mean_steps * SLOW < limit:
+    plan, members = run.plan, run.members.size
+    if plan.scheme is None or min(shard, members) * plan.mean_steps * SLOW < limit:
         return block, shard
     each = 1e-9 * cost_per_step(run, device) * plan.mean_steps
-    most = max(limit / each, plan.members / MANY)
+    most = max(limit / each, members / MANY)
     if is_gpu(device):  # a GPU needs as long for one member as for a wave of them
         most = max(most, WAVE)
-    if most >= min(shard, plan.members):
+    if most >= min(shard, members):
         return block, shard
     unit = block if most >= block else LANES
     few = unit * 2 ** int(math.log2(max(1.0, most / unit)))
@@ -110,10 +110,7 @@ def compute_shards(
     directory: RunDirectory,
     run: PreparedRun,
     numbers: Numbers,
-    threads: int,
-    block: int,
-    device: str = "cpu",
-    progress: Progress = False,
+    machine: Machine,
     stop: float | None = None,
 ) -> dict[str, int]:
     """Compute the shards with these numbers, from where they were left; return {status: members} of
@@ -121,30 +118,17 @@ def compute_shards(
 
     stop : time limit on the clock of time.monotonic(); work unfinished by then is stored
     """
-    plan = run.plan
+    block = machine.block
     size = directory.facts["shard"] // block  # blocks of a shard
-    count = math.ceil(plan.members / block)
-    program = run.program(device) if len(numbers) else None
-    sink = ShardSink(directory, run.layout._replace(block=block))
+    count = math.ceil(run.members.size / block)
+    sink = ShardSink(directory, run, block)
     blocks = (b for i in map(int, numbers) for b in range(i * size, min((i + 1) * size, count)))
     members = directory.members_of(numbers)
     try:
         with ending(stop):
             if is_late():
                 say("the time limit ended before the first step")
-            flagged = compute(
-                plan,
-                run.layout,
-                run.initial,
-                program,
-                sink,
-                threads=threads,
-                block=block,
-                units=run.units,
-                progress=progress,
-                blocks=blocks,
-                members=members,
-            )
+            flagged = compute(run, sink, machine, blocks, members)
         sink.finish()
     except BaseException:
         sink.discard()
@@ -152,30 +136,29 @@ def compute_shards(
     return flagged
 
 
-class ShardSink:
+class ShardSink(Sink):
     """A sink that collects blocks to shards of a run directory; one thread writes them.
 
     The files do not depend on threads, blocks or their order. Only the saved values of a block wait
     for the disk; its memory serves the next block at once.
 
-    directory : RunDirectory, whose lock this process holds;  layout : of the whole run
+    directory : RunDirectory, whose lock this process holds
     """
 
-    def __init__(self, directory: RunDirectory, layout: ResultLayout) -> None:
-        self.directory, self.layout = directory, layout
+    keeper: Checkpoints
+
+    def __init__(self, directory: RunDirectory, run: PreparedRun, block: int) -> None:
+        self.directory, self.layout = directory, run.layout
+        self.members = run.members._replace(block=block)
         # one place: if the disk is slow, the computing threads wait and memory stays bounded
         self._queue = SimpleQueue[tuple[int, MemorySink] | None]()
         self._open: dict[int, MemorySink] = {}  # shards that are being filled
         self._there: dict[int, set[int]] = {}  # the places of their finished blocks
-        self.keeper = Checkpoints(directory, layout)
+        self.keeper = Checkpoints(directory, run.layout, block)
         self.keeper.drop_written()
         self._dropped = False
         self._thread, self._writing = Threads(1), Task(self._work)
         self._thread.begin(self._writing)
-
-    def reserve(self, low: int, count: int) -> Place:
-        """Return the place for the values of `count` members."""
-        return make_buffer(self.layout, count)
 
     def has(self, place: int) -> bool:
         """Return whether the results of the block at a place exist, perhaps in a checkpoint."""
@@ -185,19 +168,15 @@ class ShardSink:
         """Return a block continued from its checkpoint."""
         return self.keeper.resumed(job)
 
-    def gather(self, job: BlockJob, results: Arrays) -> tuple[BlockJob, Arrays]:
-        """Return a block and its results: it belongs to a shard that the main thread opens."""
-        return job, results
-
-    def take(self, found: tuple[BlockJob, Arrays]) -> None:
+    def take(self, gathered: tuple[BlockJob, Arrays]) -> None:
         """Add a finished block to its shard; a complete shard goes to the writing thread."""
-        job, results = found
+        job, results = gathered
         i = self._shard_of(job.first)
         there, places = self._opened(i), self.directory.places(i)
         shard = self._open[i]
         shard.take(shard.gather(job, results))
         there.add(job.first)
-        if len(there) == -(-len(places) // self.layout.block):
+        if len(there) == -(-len(places) // self.members.block):
             del self._there[i]
             self._put((i, self._open.pop(i)))
         else:
@@ -211,8 +190,8 @@ class ShardSink:
         """Return the places of the finished blocks of shard i."""
         if i not in self._open:
             places, block = self.directory.places(i), self.directory.facts["block"]
-            place = {"first": places.start, "members": len(places), "block": block}
-            self._open[i] = MemorySink(self.layout._replace(**place), {}, False)
+            members = self.members._replace(first=places.start, size=len(places), block=block)
+            self._open[i] = MemorySink(self.layout, members, direct=False)
             self._there[i] = self.keeper.fill(i, self._open[i])
         return self._there[i]
 
@@ -265,10 +244,10 @@ class ShardSink:
             return path
 
         path, attrs = self.directory.temporary(i), {"run": self.directory.mark}
-        writer = Writer(path, shard.layout, force=True, attrs=attrs, named=named)
+        writer = Writer(path, shard.layout, shard.members, attrs, force=True, named=named)
         try:
             by_member = [name for name, v in writer.variables.items() if "member" in v.dims]
-            first, count = shard.layout.first, shard.layout.members
+            first, count = shard.members.first, shard.members.size
             writer.write(first, count, {name: values[name] for name in by_member})
             writer.write_all({name: v for name, v in values.items() if name not in by_member})
             self.directory.publish(writer.finish())

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import make_dataclass
 from typing import TYPE_CHECKING, Any
 
+from rigidmc.engine.compiler.contents import contents_of
 from rigidmc.errors import SceneError
 from rigidmc.files.user_code import class_named, class_of, source_of
 from rigidmc.physics.effects import EFFECTS
@@ -104,6 +105,11 @@ def make_distribution_stand_in(name: str, table: Any, at: str) -> type[VectorDis
         name, list(table), bases=(VectorDistribution,), namespace=facts, frozen=True
     )
     return made
+
+
+def contents_of_parts(scene: "Parts") -> dict[str, str]:
+    """Return what the custom classes of a scene read, see `contents_of`."""
+    return contents_of({type(part): None for part in user_parts_of(scene)})
 
 
 def user_parts_of(scene: "Parts") -> Iterator[Any]:

@@ -15,7 +15,7 @@ from rigidmc.planning.initial import noise_keys
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import order_by_steps, rate_bounds
 from rigidmc.runs.assemble import make_program
-from rigidmc.runs.blocks import BlockJob, steps_of_job
+from rigidmc.runs.blocks import BlockJob, steps_of
 from rigidmc.runs.directory.tasks import Request, TaskArrays
 from rigidmc.runs.prepare import PreparedRun
 from rigidmc.scene.recording import make_recording
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 def kept_saves(plan: Plan, keep: int) -> NDArray[np.int64]:
     """Return the saves at which the growth is kept: every `keep`-th one, and the last."""
-    last = plan.times.size - 1
+    last = plan.grid.saves - 1
     return np.unique(np.append(np.arange(keep, last, keep), last))
 
 
@@ -45,8 +45,11 @@ def compute_members(
     done: dict[int, TaskArrays] = {}
 
     def make(number: int) -> BlockJob:
-        first, count = number * size, min(size, plan.members - number * size)
-        return _job(plan, program, kept, first, count, run.initial(plan.first + first, count)[0])
+        first, count = number * size, min(size, run.members.size - number * size)
+        place = run.members.first + first
+        rows = run.initial(place, count)[0]
+        members = run.members.indices(place, rows.shape[1])
+        return _job(plan, program, kept, (first, count), members, rows)
 
     def finished(job: BlockJob) -> None:
         done[job.first // size] = _results(job)
@@ -57,25 +60,29 @@ def compute_members(
 
 
 def _job(
-    plan: Plan, program: Program, kept: NDArray[np.int64], first: int, count: int, rows: Array
+    plan: Plan,
+    program: Program,
+    kept: NDArray[np.int64],
+    place: tuple[int, int],
+    members: NDArray[np.int64],
+    rows: Array,
 ) -> BlockJob:
-    """Return the block of `count` members with their tangents at the start.
+    """Return a block of members with their tangents at the start.
 
-    rows : of the members;  first : place of the first one in the study
+    place : of the first one in the study, and their number;  members, rows : with the padding
     """
     order, slots = None, 1
     if plan.has_member_steps:
         order, slots = order_by_steps(rows), int(rows[layout.STEPS].max())
         rows = rows[:, order]
-    members = plan.indices(plan.first + first, rows.shape[1])
     largest = 1.0 / rows[layout.BODY : layout.BODY + 3].min(axis=0)
     rate = rate_bounds(plan.model.effects, rows)
     scale = largest * np.where(np.isfinite(rate) & (rate > 0.0), rate, 1.0)
     block = allocate_block((1 + COUNT) * rows.shape[0], rows.shape[1])
     block[:] = with_tangents(rows, scale)
     return BlockJob(
-        first=first,
-        size=count,
+        first=place[0],
+        size=place[1],
         members=members,
         start={},
         program=TangentProgram(program, scale, kept),  # type: ignore[arg-type]  # `through` only
@@ -85,7 +92,7 @@ def _job(
         out=np.empty(0),
         width=0,
         column=0,
-        **steps_of_job(plan, slots),
+        steps=steps_of(plan, slots),
     )
 
 

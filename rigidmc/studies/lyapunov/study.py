@@ -130,7 +130,7 @@ def start(
         rule = "has no steps, and tangents follow a motion step by step: use exact"
         raise SceneError(rule, at="run.integrator", value=scene.run.integrator)
     interval, keep = _interval(run, options.interval, settings.get("every"))
-    members, saves = run.plan.members, run.scene.run.t_end / (interval * keep) + 1.0
+    members, saves = run.members.size, run.scene.run.t_end / (interval * keep) + 1.0
     # three copies of its growth and of its indices
     refuse_count(members, "members with a spectrum", 3 * 8 * (2 * COUNT + 1) * saves)
     lanes = min(LARGEST // layout.LANES, -(-members // (TASKS * layout.LANES)))
@@ -162,13 +162,13 @@ def _interval(run: PreparedRun, given: float | None, every: float | None) -> tup
 
 def missing_members(run: PreparedRun, request: Request, done: dict[int, TaskArrays]) -> list[int]:
     """Return the tasks that are still missing."""
-    return [i for i in range(-(-run.plan.members // request["size"])) if i not in done]
+    return [i for i in range(-(-run.members.size // request["size"])) if i not in done]
 
 
 def cost_of(run: PreparedRun, request: Request, numbers: Sequence[int]) -> float:
     """Return the member-steps of tasks; a step with tangents counts as COST."""
     size = request["size"]
-    members = sum(min(size, run.plan.members - i * size) for i in numbers)
+    members = sum(min(size, run.members.size - i * size) for i in numbers)
     return COST * float(members) * run.plan.mean_steps
 
 

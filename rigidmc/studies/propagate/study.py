@@ -58,8 +58,8 @@ from rigidmc.mechanics.rotation import product, rotation_vector
 from rigidmc.planning.saves import first_and_last
 from rigidmc.processes.progress import reporter
 from rigidmc.results.labels import count_text, with_units
-from rigidmc.runs.prepare import prepare, prepare_scene
-from rigidmc.runs.simulate import simulate
+from rigidmc.runs.prepare import prepare_scene
+from rigidmc.runs.simulate import prepare, simulate
 from rigidmc.scene.derivatives import derivative_name, parameters_of_run
 from rigidmc.scene.parameters import END, units_at, value_at
 from rigidmc.scene.scene import Scene

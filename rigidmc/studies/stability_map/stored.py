@@ -189,7 +189,7 @@ def members_there(
     map_run = describe_map(request, run.scene, run.layout.by_member)
     collected = PixelCollector(request, map_run.measures)
     names = {name: map_run.known[name] for one in map_run.measures for name in one.names}
-    sizes = run.layout.lengths()
+    sizes = run.layout.axes.lengths(0)
     for i, shard in sorted(directory.shards().items()):
         members = np.asarray(directory.members(i))
         values = read(shard, "member", "status", *names, mark=directory.mark, newer=NEWER)

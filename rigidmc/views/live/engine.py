@@ -145,7 +145,11 @@ def _variant(live: LiveRun, plan: Plan) -> dict[str, Any]:
     program = make_program(plan, "wasm", compiled=False)
     assert isinstance(program, WasmProgram)
     indices = np.arange(live.block.shape[1])
-    noise = noise_keys(plan.model.effects, plan.run.seed, plan.indices(plan.first, indices.size))
+    noise = noise_keys(
+        plan.model.effects,
+        plan.run.seed,
+        live.run.members.indices(live.run.members.first, indices.size),
+    )
     steps = StepRange(plan.grid.dt, 1, 1, 1, 0, 0, 1)
     image = program.image(np.zeros_like(live.block), steps, noise, PLACES, indices)
     return {

@@ -127,7 +127,7 @@ def _spread(live: LiveRun, slider: Slider) -> NDArray[np.float64] | None:
         model = with_parameters(live.run.scene.model, values)
     except SceneError:  # the number has no name of its own in this scene
         return None
-    first, count = live.run.plan.first, live.block.shape[1]
+    first, count = live.run.members.first, live.block.shape[1]
     rows = block_rows(model.effects, False)
     _, start = initial_block(model, live.run.sampler, first, count, True, rows)
     return slider.numbers(start)
