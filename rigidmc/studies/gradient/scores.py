@@ -169,49 +169,25 @@ def _of_width(z: Array) -> Array:
     return z * z - 1.0
 
 
-def _exponential() -> dict[str, tuple[Score, bool]]:
-    return {"scale": (lambda z: z - 1.0, True)}
-
-
-def _gamma(a: float) -> dict[str, tuple[Score, bool]]:
-    shape = special.digamma(a)
-    return {"scale": (lambda z: z - a, True), "a": (lambda z: np.log(z) - shape, False)}
-
-
-def _rayleigh() -> dict[str, tuple[Score, bool]]:
-    return {"scale": (lambda z: z * z - 2.0, True)}
-
-
-def _laplace() -> dict[str, tuple[Score, bool]]:
-    return {"loc": (np.sign, True), "scale": (lambda z: np.abs(z) - 1.0, True)}
-
-
-def _logistic() -> dict[str, tuple[Score, bool]]:
-    return {
+# {distribution: its parameters -> {parameter: (score of z = (x - loc)/scale, whether it is divided
+# by the scale)}}
+_FAMILIES: dict[str, Callable[..., dict[str, tuple[Score, bool]]]] = {
+    "expon": lambda: {"scale": (lambda z: z - 1.0, True)},
+    "gamma": lambda a: {
+        "scale": (lambda z: z - a, True),
+        "a": (lambda z: np.log(z) - special.digamma(a), False),
+    },
+    "laplace": lambda: {"loc": (np.sign, True), "scale": (lambda z: np.abs(z) - 1.0, True)},
+    "logistic": lambda: {
         "loc": (lambda z: np.tanh(0.5 * z), True),
         "scale": (lambda z: z * np.tanh(0.5 * z) - 1.0, True),
-    }
-
-
-def _log_normal(s: float) -> dict[str, tuple[Score, bool]]:
-    return {
+    },
+    "lognorm": lambda s: {
         "s": (lambda z: ((np.log(z) / s) ** 2 - 1.0) / s, False),
         "scale": (lambda z: np.log(z) / s**2, True),
-    }
-
-
-def _normal() -> dict[str, tuple[Score, bool]]:
-    return {"loc": (_slope, True), "scale": (_of_width, True)}
-
-
-_FAMILIES: dict[str, Any] = {
-    "expon": _exponential,
-    "gamma": _gamma,
-    "laplace": _laplace,
-    "logistic": _logistic,
-    "lognorm": _log_normal,
-    "norm": _normal,
-    "rayleigh": _rayleigh,
+    },
+    "norm": lambda: {"loc": (_slope, True), "scale": (_of_width, True)},
+    "rayleigh": lambda: {"scale": (lambda z: z * z - 2.0, True)},
 }
 
 
