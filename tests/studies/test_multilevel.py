@@ -15,13 +15,15 @@ from bench.multilevel import equilibrium
 from rigidmc.errors import OptionError
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.studies.framework import tasks
+from rigidmc.studies.framework.variables import describe
 from rigidmc.studies.multilevel import levels as levels_module
 from rigidmc.studies.multilevel.corrections import (
+    SAMPLING,
     Level,
     cheapest_plain,
     estimate_levels,
     interval_cost,
-    members_of_levels,
+    members_for_goal,
 )
 from rigidmc.studies.multilevel.levels import APART, TASKS, state_after, sums, task_number
 from rigidmc.studies.multilevel.picture import multilevel_levels
@@ -82,7 +84,7 @@ def with_members(levels, counts):
 
 def test_members_are_those_that_cost_least():
     levels, half = falling(2.0)[0], 0.01
-    wanted = members_of_levels(levels, 2.0, half, 0.95)
+    wanted = members_for_goal(levels, 2.0, half / SAMPLING, 0.95)
     assert list(wanted) == sorted(wanted, reverse=True)  # few make short steps
     enough = with_members(levels, wanted)
     assert estimate_levels(enough, 2.0, 0.95).sampling == pytest.approx(half, rel=1e-3)
@@ -126,7 +128,7 @@ def test_batches_add_up_to_the_whole():
 
 
 def request(batch=512, text=f"{MEASURE} +- 0.1", scene=SCENE, most=10**12, **settings):
-    """What the tasks of a study have in common, and what it is asked."""
+    """What the tasks of a study have in common."""
     scene, words = multilevel.design(scene, text, most, batch, **settings)
     return make_setup(prepare_scene(scene), **words)
 
@@ -137,9 +139,9 @@ def same(one, other):
 
 def test_a_task_depends_on_its_number_alone():
     numbers = [task_number(1, 2), task_number(1, 3), task_number(0, 0), task_number(1, 5)]
-    one = [sums(request()[0], [number], 1)[0] for number in numbers]
-    assert same(one, sums(request()[0], numbers, 2))
-    assert not same(one, sums(request(seed=2)[0], numbers, 1))
+    one = [sums(request(), [number], 1)[0] for number in numbers]
+    assert same(one, sums(request(), numbers, 2))
+    assert not same(one, sums(request(seed=2), numbers, 1))
 
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # of long steps
@@ -151,14 +153,14 @@ def test_fine_paths_are_members_of_the_scene_and_levels_share_none():
     coarse = rm.simulate(
         SCENE, members=range(APART, APART + 512), **{**settings, "dt": 0.8}
     ).energy_final.values
-    (found,) = sums(request()[0], [task_number(1, 0)], 1)
+    (found,) = sums(request(), [task_number(1, 0)], 1)
     assert found["mean"] == pytest.approx(fine.mean() - coarse.mean(), abs=0.2)
     assert found["squares"] / 511 < 0.2 < (fine - coarse).var()  # measured 0.17 and 1.9
 
 
 def spreads(levels=(0, 1, 2, 3)):
     """The variances of levels."""
-    each = sums(request(4096)[0], [task_number(level, 0) for level in levels], 1)
+    each = sums(request(4096), [task_number(level, 0) for level in levels], 1)
     return np.array([one["squares"] / 4095 for one in each])
 
 
@@ -205,7 +207,7 @@ def test_a_free_body_in_a_bath():
 def driven(known, means, spread=1.0):
     """(how far a study is at the end, the numbers of its tasks, its lines) by corrections."""
     found, numbers, lines = {}, [], []
-    while (now := state_after(*known, found)).next:
+    while (now := state_after(known, found)).next:
         numbers += now.next
         lines.append(now.line)
         for number in now.next:
@@ -219,7 +221,7 @@ def driven(known, means, spread=1.0):
 def test_levels_are_added_until_the_error_of_the_step_is_small():
     known = request(text=f"{MEASURE} +- 1e-2")
     now, numbers, _ = driven(known, lambda level: 0.5**level * 0.1)  # of order 1
-    assert len(now.levels) > 4 and now.found.bias < 0.01
+    assert len(now.levels) > 4 and now.estimate.bias < 0.01
     assert len(set(numbers)) == len(numbers)
     with pytest.raises(OptionError, match=r"order 0\.5 .*extremes"):
         driven(known, lambda level: 0.5 ** (0.5 * level))
@@ -233,7 +235,7 @@ def test_what_a_goal_costs_is_told_by_the_pilot():
     late = request(text=f"{MEASURE} +- 0.01", most=3 * 10**6)
     now, _, _ = driven(late, lambda level: 0.5**level)
     assert now.short.startswith("needs about") and not now.next
-    assert dataset(*late, now).attrs["reached"] == 0
+    assert dataset(late, now, now.estimate).attrs["reached"] == 0
 
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # of no gravity
@@ -279,7 +281,8 @@ def test_flagged_pairs_are_refused():
 
 def test_table_and_picture():
     known = request(text=f"{MEASURE} +- 0.02")
-    found = dataset(*known, driven(known, lambda level: 0.25**level)[0])
+    now, _, _ = driven(known, lambda level: 0.25**level)
+    found = describe(dataset(known, now, now.estimate), SCENE)
     lines = table(found)
     assert lines[1].startswith("  mean(energy_final) = ") and "order 2.00" in lines[-2]
     assert "times as much" in lines[-1]

@@ -60,6 +60,11 @@ class Level(NamedTuple):
         return math.sqrt(self.variance / max(self.members, 1.0))
 
     @property
+    def taken(self) -> float:
+        """Number of members computed."""
+        return self.members + self.flagged
+
+    @property
     def price(self) -> float:
         """Cost of a member, in steps."""
         if self.number == 0:
@@ -69,7 +74,7 @@ class Level(NamedTuple):
     @property
     def cost(self) -> float:
         """Cost of all its members, in steps."""
-        return (self.members + self.flagged) * self.price
+        return self.taken * self.price
 
     def with_more(self, members: float, flagged: float, mean: float, squares: float) -> "Level":
         """Return the level with more members added, given their sums.
@@ -102,15 +107,20 @@ class MultilevelEstimate(NamedTuple):
         """Half-width of the interval."""
         return math.hypot(self.sampling, self.bias)
 
+    def words(self) -> str:
+        """Write the mean and both half-widths as text."""
+        return f"{self.value:.6g} +- {self.sampling:.2g} by sampling, {self.bias:.2g} by the step"
+
 
 def sigmas(confidence: float) -> float:
     """Return the standard errors on each side of an interval."""
     return float(special.ndtri(0.5 + 0.5 * confidence))
 
 
-def weights(levels: Sequence[Level], order: float) -> list[float]:
-    """Return the weight of each correction in the mean."""
-    return [1.0] * (len(levels) - 1) + [2.0**order / (2.0**order - 1.0)]
+def weighted(levels: Sequence[Level], order: float) -> list[tuple[float, Level]]:
+    """Return (its weight in the mean, level) of each level."""
+    weights = [1.0] * (len(levels) - 1) + [2.0**order / (2.0**order - 1.0)]
+    return list(zip(weights, levels, strict=True))
 
 
 def estimate_levels(
@@ -122,20 +132,19 @@ def estimate_levels(
 
     Corrections at the level of rounding, as of an exact integrator, give no order.
     """
-    f, (before, last) = 2.0**order, levels[-2:]
-    each = list(zip(weights(levels, order), levels, strict=True))
-    z, variance = sigmas(confidence), sum((w * one.error) ** 2 for w, one in each)
+    f, (before, last), pairs = 2.0**order, levels[-2:], weighted(levels, order)
+    z, variance = sigmas(confidence), sum((w * level.error) ** 2 for w, level in pairs)
     seen, spread = math.nan, math.nan
     size = math.hypot(levels[0].mean, math.sqrt(levels[0].variance))
     rounding = ULPS * resolution(dtype, last.steps) * size
-    if all(abs(one.mean) > max(SURE * one.error, rounding) for one in (before, last)):
+    if all(abs(level.mean) > max(SURE * level.error, rounding) for level in (before, last)):
         seen = math.log2(abs(before.mean / last.mean))
     if before.variance > 0.0 and last.variance > 0.0:
         spread = math.log2(before.variance / last.variance)
     falls = order if math.isnan(seen) else min(order, seen)
     change = abs(f * last.mean - before.mean) / (f - 1.0)
     return MultilevelEstimate(
-        value=sum(w * one.mean for w, one in each),
+        value=sum(w * level.mean for w, level in pairs),
         sampling=z * math.sqrt(variance),
         bias=z * change / (2.0**falls - 1.0) if falls > SLOWEST else math.inf,
         order=seen,
@@ -143,20 +152,20 @@ def estimate_levels(
     )
 
 
-def members_of_levels(
+def members_for_goal(
     levels: Sequence[Level], order: float, half: float, confidence: float
 ) -> list[float]:
-    """Return the members of each level with the least cost for a sampling error of `half`."""
-    each = list(zip(weights(levels, order), levels, strict=True))
-    total = sum(w * math.sqrt(one.variance * one.price) for w, one in each)
-    per = (sigmas(confidence) / half) ** 2 * total
-    return [per * w * math.sqrt(one.variance / one.price) for w, one in each]
+    """Return the members of each level with the least cost for an interval of +- `half`."""
+    pairs = weighted(levels, order)
+    total = sum(w * math.sqrt(level.variance * level.price) for w, level in pairs)
+    per = (sigmas(confidence) / (SAMPLING * half)) ** 2 * total
+    return [per * w * math.sqrt(level.variance / level.price) for w, level in pairs]
 
 
 def interval_cost(levels: Sequence[Level], order: float, half: float, confidence: float) -> float:
     """Return the cost of an interval of +- `half`, in steps."""
-    each = members_of_levels(levels, order, SAMPLING * half, confidence)
-    return sum(n * one.price for n, one in zip(each, levels, strict=True))
+    members = members_for_goal(levels, order, half, confidence)
+    return sum(n * level.price for n, level in zip(members, levels, strict=True))
 
 
 class Plain(NamedTuple):
@@ -179,9 +188,9 @@ def cheapest_plain(levels: Sequence[Level], order: float, half: float, confidenc
     """
     first, last, z = levels[0], levels[-1], sigmas(confidence)
     off = z * abs(last.mean) / (2.0**order - 1.0)  # with the steps of the last level
-    found = []
+    choices = []
     for bias in (0.01 * i * half for i in range(1, 100)):
         steps = max(first.steps, math.ceil(last.steps * (off / bias) ** (1.0 / order)))
         members = math.ceil(z * z * first.variance / (half * half - bias * bias))
-        found.append(Plain(steps, members))
-    return min(found, key=lambda one: one.cost)
+        choices.append(Plain(steps, members))
+    return min(choices, key=lambda plain: plain.cost)

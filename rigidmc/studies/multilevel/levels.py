@@ -24,46 +24,46 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.scene.scene import Scene
-from rigidmc.statistics.measures import Measure
 from rigidmc.studies.multilevel.corrections import (
-    SAMPLING,
     Level,
     MultilevelEstimate,
     estimate_levels,
-    members_of_levels,
+    members_for_goal,
 )
 from rigidmc.studies.until import Goal
 
 APART = 2**40  # distance between the first members of successive levels
 TASKS = 2**32  # distance between the first task numbers of successive levels
 CHUNK = 2**17  # members at once: a call costs as much as 4000 members of few steps
+LEVELS = 3  # at first: two corrections give the order
+MOST_LEVELS = 12
+FLAGGED = 1e-3  # fraction of flagged pairs above which the first step is too long
 Sums = Mapping[str, NDArray[Any]]
 
 
-class LevelSetup(NamedTuple):
-    """The setup common to all tasks of a study.
+class MultilevelSetup(NamedTuple):
+    """The setup common to all tasks of a study, and its goal.
 
-    steps : of the first level;  batch : members of a task
+    text, goal : the measure and its width;  order : of the integrator
+    steps : of the first level;  batch : members of a task;  most : largest cost, in steps
     """
 
     scene: Scene
-    measure: Measure
-    steps: int
-    batch: int
-
-
-class MultilevelGoal(NamedTuple):
-    """The goal of a study.
-
-    text, goal : the measure and its width;  order : of the integrator;  most : largest cost, in
-    steps
-    """
-
     text: str
     goal: Goal
     order: float
     confidence: float
+    steps: int
+    batch: int
     most: float
+
+    def empty_level(self, number: int) -> Level:
+        """Return a level without members."""
+        return Level(number, self.steps << number)
+
+    def refusal(self, rule: str) -> OptionError:
+        """Return the error for a goal that cannot be reached."""
+        return OptionError(rule, at="run.until", value=self.text)
 
 
 def task_number(level: int, batch: int) -> int:
@@ -72,16 +72,25 @@ def task_number(level: int, batch: int) -> int:
 
 
 def sums(
-    request: LevelSetup, numbers: Sequence[int], threads: int, device: str | None = None
+    setup: MultilevelSetup, numbers: Sequence[int], threads: int, device: str | None = None
 ) -> list[dict[str, NDArray[Any]]]:
-    """Return the sums of tasks; each depends on request and number alone, to the bit.
+    """Return the sums of tasks; each depends on setup and number alone, to the bit.
 
     members : counted;  flagged : flagged paths, or pairs with a flagged path
     without : members that are ok and have no value
     mean, squares : of the corrections, and the sum of their squared deviations from it
     """
-    parts = _together(numbers, max(1, CHUNK // request.batch))
-    return [one for part in parts for one in _batches(request, *part, threads, device)]
+    size, batches = setup.batch, list[dict[str, NDArray[Any]]]()
+    for level, first, count in _together(numbers, max(1, CHUNK // size)):
+        values, good = np.zeros(count * size), np.ones(count * size, bool)
+        low = level * APART + first * size
+        for sign, run in zip((1.0, -1.0), paths(setup, level), strict=False):
+            result = run.run(members=range(low, low + count * size), threads=threads, device=device)
+            values += sign * setup.goal.measure.numbers(result)
+            good &= result.status.values == 0
+        parts = zip(values.reshape(count, size), good.reshape(count, size), strict=True)
+        batches += [_summed(*part) for part in parts]
+    return batches
 
 
 def _together(numbers: Sequence[int], most: int) -> Iterator[tuple[int, int, int]]:
@@ -95,28 +104,14 @@ def _together(numbers: Sequence[int], most: int) -> Iterator[tuple[int, int, int
             count = 0
 
 
-def _batches(
-    request: LevelSetup, level: int, first: int, count: int, threads: int, device: str | None
-) -> list[dict[str, NDArray[Any]]]:
-    """Return the sums of `count` batches of a level from batch `first` on."""
-    size = request.batch
-    values, good = np.zeros(count * size), np.ones(count * size, bool)
-    low = level * APART + first * size
-    for sign, run in zip((1.0, -1.0), paths(request, level), strict=False):
-        some = run.with_members(range(low, low + count * size))
-        some = some if sign > 0.0 else some.with_paired_noise()
-        result = some.run(threads=threads, device=device)
-        values += sign * request.measure.numbers(result)
-        good &= result.status.values == 0
-    parts = zip(values.reshape(count, size), good.reshape(count, size), strict=True)
-    return [_summed(*part) for part in parts]
-
-
-def paths(request: LevelSetup, level: int) -> tuple[PreparedRun, ...]:
-    """Return the runs of a level: its fine paths and, from level 1 on, its coarse paths."""
-    each = (request.steps << level, request.steps << level >> 1)[: 1 + (level > 0)]
-    scene, end = request.scene, request.scene.run.t_end
-    return tuple(prepare_scene(scene.with_run(dt=end / steps, members=CHUNK)) for steps in each)
+def paths(setup: MultilevelSetup, level: int) -> Iterator[PreparedRun]:
+    """Yield the runs of a level: its fine paths and, from level 1 on, its coarse paths."""
+    end, steps = setup.scene.run.t_end, setup.steps << level
+    # other scenes: each level has a step of its own, and members beyond those of the scene
+    yield prepare_scene(setup.scene.with_run(dt=end / steps, members=CHUNK))
+    if level:
+        coarse = setup.scene.with_run(dt=end / (steps >> 1), members=CHUNK)
+        yield prepare_scene(coarse).with_paired_noise()
 
 
 def _summed(values: NDArray[np.float64], good: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
@@ -133,139 +128,100 @@ def _summed(values: NDArray[np.float64], good: NDArray[np.bool_]) -> dict[str, N
     }
 
 
-LEVELS = 3  # at first: two corrections give the order
-MOST_LEVELS = 12
-FLAGGED = 1e-3  # fraction of flagged pairs above which the first step is too long
-
-
 class MultilevelState(NamedTuple):
     """The progress of a study.
 
     levels : after the last complete round;  rounds : (cost, half-width) after each
-    found : the estimate, None before the end of the first round
+    estimate : None before the end of the first round
     next : numbers of the next tasks, [] at the end;  line : text about these
     short : why the study ends before its goal, or ""
     """
 
     levels: list[Level]
     rounds: list[tuple[float, float]]
-    found: MultilevelEstimate | None
+    estimate: MultilevelEstimate | None
     next: list[int]
-    line: str
+    line: str = ""
     short: str = ""
 
 
-def state_after(
-    request: LevelSetup, target: MultilevelGoal, sums: Mapping[int, Sums]
-) -> MultilevelState:
+def state_after(setup: MultilevelSetup, sums: Mapping[int, Sums]) -> MultilevelState:
     """Return the progress of a study, a function of the sums of its tasks alone."""
     levels: list[Level] = []
     rounds: list[tuple[float, float]] = []
-    found, line, wanted = None, "", [float(request.batch)] * LEVELS
+    estimate, line, wanted = None, "", [float(setup.batch)] * LEVELS
     while True:
-        more = levels + [_level(request, i) for i in range(len(levels), len(wanted))]
-        tasks = [_tasks(request, *each) for each in zip(more, wanted, strict=True)]
+        more = levels + [setup.empty_level(i) for i in range(len(levels), len(wanted))]
+        tasks = [_tasks(setup, *pair) for pair in zip(more, wanted, strict=True)]
         if left := [number for numbers in tasks for number in numbers if number not in sums]:
-            return MultilevelState(levels, rounds, found, left, line)
+            return MultilevelState(levels, rounds, estimate, left, line)
         levels = [
-            _filled(request, level, [sums[number] for number in numbers])
+            _filled(setup, level, [sums[number] for number in numbers])
             for level, numbers in zip(more, tasks, strict=True)
         ]
-        found = estimate_levels(levels, target.order, target.confidence, request.scene.run.dtype)
-        rounds.append((_cost(levels), found.half))
-        half = target.goal.half_at(found.value)
-        if found.half <= half:
-            return MultilevelState(levels, rounds, found, [], "")
-        wanted = _wanted(request, target, levels, half)
-        if all(n <= _taken(one) for n, one in zip(wanted, levels, strict=True)):
-            _refuse_slow(target, found, levels)
-            wanted.append(float(request.batch))
-        if short := _too_dear(request, target, found, wanted):
+        estimate = estimate_levels(levels, setup.order, setup.confidence, setup.scene.run.dtype)
+        rounds.append((sum(level.cost for level in levels), estimate.half))
+        half = setup.goal.half_at(estimate.value)
+        if estimate.half <= half:
+            return MultilevelState(levels, rounds, estimate, [])
+        wanted = _wanted(setup, levels, half)
+        if all(n <= level.taken for n, level in zip(wanted, levels, strict=True)):
+            _refuse_slow(setup, estimate, levels)
+            wanted.append(float(setup.batch))
+        cost = sum(n * setup.empty_level(i).price for i, n in enumerate(wanted))
+        if cost > setup.most:
+            by = f"({estimate.value:.4g} +- {estimate.half:.2g} so far)"
+            limit = f"more than the limit of {setup.most:.2g}"
+            short = f"needs about {cost:.2g} member-steps {by}, {limit}"
             if len(rounds) == 1:
-                raise OptionError(short, at="run.until", value=target.text)
-            return MultilevelState(levels, rounds, found, [], "", short)
-        line = _plan(found, wanted)
+                raise setup.refusal(short)
+            return MultilevelState(levels, rounds, estimate, [], "", short)
+        members = " + ".join(f"{n:,.0f}" for n in wanted)
+        line = f"{estimate.words()}; next: {members} members by level"
 
 
-def _cost(levels: Sequence[Level]) -> float:
-    """Return the cost of levels, in steps."""
-    return sum(one.cost for one in levels)
-
-
-def _level(request: LevelSetup, number: int) -> Level:
-    return Level(number, request.steps << number)
-
-
-def _taken(level: Level) -> float:
-    """Return the number of members of a level, including flagged ones."""
-    return level.members + level.flagged
-
-
-def _wanted(
-    request: LevelSetup, target: MultilevelGoal, levels: Sequence[Level], half: float
-) -> list[float]:
+def _wanted(setup: MultilevelSetup, levels: Sequence[Level], half: float) -> list[float]:
     """Return the members that each level needs for a goal, in whole batches."""
     if not half > 0.0:
         rule = "is 0 for the first members, so a relative width is 0; give an absolute width"
-        raise OptionError(rule, at="run.until", value=target.text)
-    needed = members_of_levels(levels, target.order, SAMPLING * half, target.confidence)
-    size = request.batch
-    return [
-        max(size * math.ceil(n / size), _taken(one)) for n, one in zip(needed, levels, strict=True)
-    ]
+        raise setup.refusal(rule)
+    needed, size = members_for_goal(levels, setup.order, half, setup.confidence), setup.batch
+    pairs = zip(needed, levels, strict=True)
+    return [max(size * math.ceil(n / size), level.taken) for n, level in pairs]
 
 
-def _tasks(request: LevelSetup, level: Level, wanted: float) -> list[int]:
+def _tasks(setup: MultilevelSetup, level: Level, wanted: float) -> list[int]:
     """Return the numbers of the tasks that a level lacks for the wanted members."""
-    batches = range(int(_taken(level)) // request.batch, int(wanted) // request.batch)
+    batches = range(int(level.taken) // setup.batch, int(wanted) // setup.batch)
     return [task_number(level.number, batch) for batch in batches]
 
 
-def _filled(request: LevelSetup, level: Level, more: Sequence[Sums]) -> Level:
+def _filled(setup: MultilevelSetup, level: Level, more: Sequence[Sums]) -> Level:
     """Return the level with the members of more tasks added."""
-    for one in more:
-        if one["without"] > 0.0:
-            name = request.measure.result.name
-            rule = f"{int(one['without']):,} of {request.batch:,} members have no {name}"
-            raise OptionError(rule, at="run.until", value=request.measure.text)
+    for task in more:
+        if (without := float(task["without"])) > 0.0:
+            measure = setup.goal.measure
+            rule = f"{without:,.0f} of {setup.batch:,} members have no {measure.result.name}"
+            raise OptionError(rule, at="run.until", value=measure.text)
         names = "members", "flagged", "mean", "squares"
-        level = level.with_more(*(float(one[name]) for name in names))
-    if level.flagged > FLAGGED * _taken(level):
-        rule = f"{level.flagged:,.0f} of {_taken(level):,.0f} members of level {level.number} are"
+        level = level.with_more(*(float(task[name]) for name in names))
+    if level.flagged > FLAGGED * level.taken:
+        rule = f"{level.flagged:,.0f} of {level.taken:,.0f} members of level {level.number} are"
         rule += " flagged because their steps are too long: use a shorter dt"
-        raise SceneError(rule, at="run.dt", value=request.scene.run.dt)
+        raise SceneError(rule, at="run.dt", value=setup.scene.run.dt)
     return level
 
 
-def _plan(found: MultilevelEstimate, wanted: Sequence[float]) -> str:
-    """Return a line about the estimate so far and the next members."""
-    members = " + ".join(f"{n:,.0f}" for n in wanted)
-    ends = f"{found.value:.6g} +- {found.sampling:.2g} by sampling, {found.bias:.2g} by the step"
-    return f"{ends}; next: {members} members by level"
-
-
-def _too_dear(
-    request: LevelSetup, target: MultilevelGoal, found: MultilevelEstimate, wanted: Sequence[float]
-) -> str:
-    """Return why a goal exceeds the cost limit, or ""."""
-    cost = sum(n * _level(request, i).price for i, n in enumerate(wanted))
-    if cost <= target.most:
-        return ""
-    by = f"({found.value:.4g} +- {found.half:.2g} so far)"
-    return f"needs about {cost:.2g} member-steps {by}, more than the limit of {target.most:.2g}"
-
-
 def _refuse_slow(
-    target: MultilevelGoal, found: MultilevelEstimate, levels: Sequence[Level]
+    setup: MultilevelSetup, estimate: MultilevelEstimate, levels: Sequence[Level]
 ) -> None:
     """Raise OptionError for a measure whose error falls too slowly with the level."""
-    if len(levels) > LEVELS and found.order < 0.5 * target.order:
-        rule = (
-            f"its error falls with order {found.order:.2g} in the step instead of"
-            f" {target.order:g}, as for extremes and events between steps. Use NAME_final or"
+    if len(levels) > LEVELS and estimate.order < 0.5 * setup.order:
+        raise setup.refusal(
+            f"its error falls with order {estimate.order:.2g} in the step instead of"
+            f" {setup.order:g}, as for extremes and events between steps. Use NAME_final or"
             " NAME_mean, or a shorter first step"
         )
-        raise OptionError(rule, at="run.until", value=target.text)
     if len(levels) == MOST_LEVELS:
-        rule = f"the error of the step is {found.bias:.2g} after {MOST_LEVELS} levels"
-        raise OptionError(rule, at="run.until", value=target.text)
+        rule = f"the error of the step is {estimate.bias:.2g} after {MOST_LEVELS} levels"
+        raise setup.refusal(rule)

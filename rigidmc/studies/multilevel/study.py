@@ -15,12 +15,7 @@ Source: Giles, Oper. Res. 56 (2008) 607.
 
 {parameters}
 
-Returns
--------
-xarray.Dataset
-    `value` with `low` and `high`; `sampling` and `bias`, the half-width from each alone, whose
-    squares add up; over level steps, members, mean and variance of the corrections; over round
-    the width so far and its cost
+{returns}
 
 Raises
 ------
@@ -41,8 +36,8 @@ The squared momentum of a free body in a bath that starts without spin:
 
 >>> bath = rm.Bath(gamma=0.5, kT=1.0)
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 1.0)), bath, rm.Start(omega=(0.0, 0.0, 0.0)))
->>> found = rm.multilevel(scene, "mean(l2_final) +- 0.1", integrator="strang", t_end=2, dt=0.5)
->>> bool(found.low < 3.0 * (1.0 - np.exp(-2.0)) < found.high)
+>>> study = rm.multilevel(scene, "mean(l2_final) +- 0.1", integrator="strang", t_end=2, dt=0.5)
+>>> bool(study.low < 3.0 * (1.0 - np.exp(-2.0)) < study.high)
 True
 """
 
@@ -51,6 +46,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning
@@ -69,12 +65,12 @@ from rigidmc.statistics.measures import save_for_measures
 from rigidmc.studies.framework.options import Example, Options, confidence_option, option
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.framework.tasks import Tasks
-from rigidmc.studies.multilevel.corrections import Level, Plain, cheapest_plain
+from rigidmc.studies.framework.variables import StudyVariable, make_dataset
+from rigidmc.studies.multilevel.corrections import Level, MultilevelEstimate, Plain, cheapest_plain
 from rigidmc.studies.multilevel.levels import (
     CHUNK,
     TASKS,
-    LevelSetup,
-    MultilevelGoal,
+    MultilevelSetup,
     MultilevelState,
     state_after,
     sums,
@@ -83,6 +79,23 @@ from rigidmc.studies.until import goal
 
 BATCH = 8192  # members of a task, and of a level at first
 MEMBER = 8 * 32  # bytes: values of the fine and of the coarse path
+VARIABLES = (
+    StudyVariable("steps", "level", "1", "steps of the fine paths"),
+    StudyVariable("dt", "level", "s", "step of the fine paths"),
+    StudyVariable("members", "level", "1", "members counted"),
+    StudyVariable("flagged", "level", "1", "flagged members, left out"),
+    StudyVariable("mean", "level", str, "mean of the corrections"),
+    StudyVariable("error", "level", str, "its standard error"),
+    StudyVariable("variance", "level", square_units, "variance of the corrections"),
+    StudyVariable("price", "level", "1", "cost of a member, in steps"),
+    StudyVariable("value", "", str, "the mean"),
+    StudyVariable("low", "", str, "lower end of its interval"),
+    StudyVariable("high", "", str, "upper end of its interval"),
+    StudyVariable("sampling", "", str, "half-width from sampling alone"),
+    StudyVariable("bias", "", str, "half-width from the error of the step alone"),
+    StudyVariable("half", "round", str, "half-width so far"),
+    StudyVariable("cost", "round", "", "cost so far, in steps"),
+)
 
 
 class MultilevelOptions(Options):
@@ -117,16 +130,10 @@ def start(
     scene: Scene, options: MultilevelOptions, settings: Mapping[str, Any]
 ) -> tuple[Scene, dict[str, Any]]:
     """Return (the scene of a study, its request); give the notes on the scene as warnings."""
-    until = str(options.until)
-    scene = _showing(_with_steps(scene), until).with_run(first=0)
-    scene = scene.with_run(every=scene.run.t_end)
-    request: dict[str, Any] = {
-        "until": until,
-        "most": options.most,
-        "batch": options.batch,
-        "confidence": options.confidence,
-    }
-    refuse_count(request["batch"], "members of a batch", MEMBER, "use a smaller batch")
+    request = {**vars(options), "until": str(options.until)}
+    scene = _showing(_with_steps(scene), request["until"])
+    scene = scene.with_run(first=0, every=scene.run.t_end)
+    refuse_count(options.batch, "members of a batch", MEMBER, "use a smaller batch")
     run = prepare_scene(scene)
     make_setup(run, **request)
     # no notes on long steps: the study corrects for these
@@ -137,17 +144,20 @@ def start(
 
 def make_setup(
     run: PreparedRun, until: str, most: int, batch: int, confidence: float
-) -> tuple[LevelSetup, MultilevelGoal]:
-    """Return (common setup of the tasks, goal of the study); OptionError."""
-    scene = run.scene
-    known = {**variables_of(scene), **saved_variables(scene.effects, make_recording(scene))}
-    wanted = goal(until, known)
+) -> MultilevelSetup:
+    """Return the common setup of the tasks; OptionError."""
+    scene, wanted = run.scene, goal(until, _variables(run.scene))
     if wanted.measure.kind != "mean" or wanted.measure.given is not None:
         rule = "has corrections that do not become small: use mean(NAME) over all members"
         raise OptionError(rule, at="run.until", value=until)
     order = min(scene.integrator.order, 2 if any(map(is_random, scene.effects)) else 8)
-    request = LevelSetup(scene, wanted.measure, run.plan.grid.steps, batch)
-    return request, MultilevelGoal(until, wanted, order, confidence, float(most))
+    steps = run.plan.grid.steps
+    return MultilevelSetup(scene, until, wanted, order, confidence, steps, batch, float(most))
+
+
+def _variables(scene: Scene) -> dict[str, Any]:
+    """Return the variables that the measure may name."""
+    return {**variables_of(scene), **saved_variables(scene.effects, make_recording(scene))}
 
 
 def compute_levels(
@@ -158,14 +168,14 @@ def compute_levels(
     device: str | None,
 ) -> list[runs.TaskArrays]:
     """Compute batches of levels and return their sums."""
-    return sums(make_setup(run, **request)[0], numbers, threads, device)
+    return sums(make_setup(run, **request), numbers, threads, device)
 
 
 def next_batches(
     run: PreparedRun, request: runs.Request, found: dict[int, runs.TaskArrays]
 ) -> list[int]:
     """Return the next batches."""
-    now = state_after(*make_setup(run, **request), found)
+    now = state_after(make_setup(run, **request), found)
     if now.line:
         say(now.line)
     return now.next
@@ -173,8 +183,8 @@ def next_batches(
 
 def cost_of(run: PreparedRun, request: runs.Request, numbers: Sequence[int]) -> float:
     """Return the member-steps of batches."""
-    levels, known = (number // TASKS for number in numbers), make_setup(run, **request)[0]
-    return sum(known.batch * Level(i, known.steps << i).price for i in levels)
+    setup = make_setup(run, **request)
+    return sum(setup.batch * setup.empty_level(number // TASKS).price for number in numbers)
 
 
 def reduce(
@@ -184,18 +194,16 @@ def reduce(
     options: MultilevelOptions,
 ) -> xr.Dataset:
     """Return the Dataset of the finished rounds; FileError if the first is not finished."""
-    known = make_setup(run, **request)
-    now = state_after(*known, found)
-    if now.found is None:
-        missing = count_text(
-            len(now.next), "task of the first round is", "tasks of the first round are"
-        )
-        rule = f"{missing} missing: resume it first"
+    setup = make_setup(run, **request)
+    now = state_after(setup, found)
+    if now.estimate is None:
+        tasks = "task of the first round is", "tasks of the first round are"
+        rule = f"{count_text(len(now.next), *tasks)} missing: resume it first"
         raise FileError(rule, at="run")
     if now.short:
-        text = f"{request['until']} is not reached: {now.short}"
+        text = f"{setup.text} is not reached: {now.short}"
         warnings.warn(text, SceneWarning, stacklevel=3)
-    return dataset(*known, now)
+    return dataset(setup, now, now.estimate)
 
 
 def _with_steps(scene: Scene) -> Scene:
@@ -221,64 +229,38 @@ def _showing(scene: Scene, until: str) -> Scene:
     return shown
 
 
-def dataset(request: LevelSetup, target: MultilevelGoal, now: MultilevelState) -> xr.Dataset:
+def dataset(
+    setup: MultilevelSetup, now: MultilevelState, estimate: MultilevelEstimate
+) -> xr.Dataset:
     """Return the Dataset of a study with progress `now`, whose first round has ended."""
-    levels, rounds, found = now.levels, now.rounds, now.found
-    assert found is not None
-    name, order, scene = request.measure.result.name, target.order, request.scene
-    known = {**variables_of(scene), **saved_variables(scene.effects, make_recording(scene))}
-    units = known[name].attrs["units"]
-    of_levels = {
-        "steps": ([one.steps for one in levels], "steps of the fine paths", "1"),
-        "dt": ([scene.run.t_end / one.steps for one in levels], "step of the fine paths", "s"),
-        "members": ([one.members for one in levels], "members counted", "1"),
-        "flagged": ([one.flagged for one in levels], "flagged members, left out", "1"),
-        "mean": ([one.mean for one in levels], "mean of the corrections", units),
-        "error": ([one.error for one in levels], "its standard error", units),
-        "variance": (
-            [one.variance for one in levels],
-            "variance of the corrections",
-            square_units(units),
-        ),
-        "price": ([one.price for one in levels], "cost of a member, in steps", "1"),
-    }
-    variables: dict[str, Any] = {
-        key: ("level", values, {"long_name": text, "units": of})
-        for key, (values, text, of) in of_levels.items()
-    }
-    half = found.half
-    numbers = {
-        "value": (found.value, "the mean"),
-        "low": (found.value - half, "lower end of its interval"),
-        "high": (found.value + half, "upper end of its interval"),
-        "sampling": (found.sampling, "half-width from sampling alone"),
-        "bias": (found.bias, "half-width from the error of the step alone"),
-    }
-    for key, (value, text) in numbers.items():
-        variables[key] = ((), value, {"long_name": text, "units": units})
-    about = {"long_name": "half-width so far", "units": units}
-    variables["half"] = ("round", [h for _, h in rounds], about)
-    variables["cost"] = ("round", [c for c, _ in rounds], {"long_name": "cost so far, in steps"})
+    levels, half = now.levels, estimate.half
+    names = "steps", "members", "flagged", "mean", "error", "variance", "price"
+    values: dict[str, Any] = {name: [getattr(level, name) for level in levels] for name in names}
+    values["dt"] = [setup.scene.run.t_end / level.steps for level in levels]
+    values |= {name: getattr(estimate, name) for name in ("value", "sampling", "bias")}
+    values |= {"low": estimate.value - half, "high": estimate.value + half}
+    values |= zip(("cost", "half"), np.transpose(now.rounds), strict=True)
     attrs = {
-        "title": scene.title,
-        "measure": request.measure.text,
-        "until": target.text,
-        "reached": int(half <= target.goal.half_at(found.value)),
+        "measure": setup.goal.measure.text,
+        "until": setup.text,
+        "reached": int(half <= setup.goal.half_at(estimate.value)),
         "missing": len(now.next),
-        "confidence": target.confidence,
-        "order": order,
-        "order_seen": found.order,
-        "variance_order_seen": found.variance_order,
-        "scene": scene.dumps(),
+        "confidence": setup.confidence,
+        "order": setup.order,
+        "order_seen": estimate.order,
+        "variance_order_seen": estimate.variance_order,
     }
-    return xr.Dataset(variables, {"level": [one.number for one in levels]}, attrs)
+    units = _variables(setup.scene)[setup.goal.measure.result.name].attrs["units"]
+    ordered = {variable.name: values[variable.name] for variable in VARIABLES}
+    numbers = {"level": [level.number for level in levels]}
+    return make_dataset(VARIABLES, ordered, numbers, attrs, units)
 
 
 def read_levels(study: xr.Dataset) -> list[Level]:
     """Return the levels of a study."""
     names = "level", "steps", "members", "flagged", "mean", "variance"
-    each = zip(*(study[name].values.tolist() for name in names), strict=True)
-    return [Level(i, steps, n, f, m, v * (n - 1.0)) for i, steps, n, f, m, v in each]
+    rows = zip(*(study[name].values.tolist() for name in names), strict=True)
+    return [Level(i, steps, n, f, m, v * (n - 1.0)) for i, steps, n, f, m, v in rows]
 
 
 def plain_members(study: xr.Dataset, half: float) -> Plain:
@@ -299,13 +281,15 @@ def table(study: xr.Dataset) -> list[str]:
         f"  {'level':>5s} {'steps':>9s} {step:>10s} {'members':>14s}"
         f" {'correction':>24s} {'variance':>10s} {'of the cost':>12s}",
     ]
-    spent = (study.members + study.flagged) * study.price
-    for i in range(study.sizes["level"]):
-        one = study.isel(level=i)
+    levels = read_levels(study)
+    costs = [level.cost for level in levels]
+    for level, dt, error, spent in zip(
+        levels, study["dt"].values, study.error.values, costs, strict=True
+    ):
         lines.append(
-            f"  {int(one.level):5d} {int(one.steps):9,d} {float(one['dt']):10.4g}"
-            f" {int(one.members):14,d} {float(one['mean']):+12.5g} +- {float(one.error):8.2g}"
-            f" {float(one.variance):10.3g} {100 * float(spent[i] / spent.sum()):10.1f} %"
+            f"  {level.number:5d} {level.steps:9,d} {dt:10.4g} {int(level.members):14,d}"
+            f" {level.mean:+12.5g} +- {error:8.2g} {level.variance:10.3g}"
+            f" {100 * spent / sum(costs):10.1f} %"
         )
     if not math.isnan(attrs["order_seen"]):
         lines.append(
@@ -344,6 +328,7 @@ multilevel = Study(
         is_growing=True, together=CHUNK // BATCH,
     ),
     table=table,
+    variables=VARIABLES,
     picture="multilevel_levels",
     settings=("integrator", "dt", "t_end", "seed", "dtype"),
     scene_text="a scene, its file, or the name of a shipped scene, usually with a random effect;"
