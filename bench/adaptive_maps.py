@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from rigidmc.studies.stability_map.case import case_map
+from rigidmc.studies.stability_map.compute import prepared_case, run_map
 from rigidmc.studies.stability_map.refine import CLASSES, EDGES, STRIDE
 
 BORDERS = {"p": 0.5, "mean(megno)": 4.0}  # of measures; others have CLASSES equal intervals
@@ -25,7 +25,9 @@ def classes(name, whole, values):
 
 def compared(name, resolution):
     """Return (fraction computed, fraction of another class) of a map of the package."""
-    whole, part = (case_map(name, resolution, adaptive=one) for one in (False, True))
+    whole, part = (
+        run_map(prepared_case(name, resolution, adaptive=adaptive)) for adaptive in (False, True)
+    )
     first = next(str(v) for v in whole.data_vars if f"{v}_low" in whole)
     all_of, some = whole[first].values, part[first].values
     other = classes(first, all_of, all_of) != classes(first, all_of, some)

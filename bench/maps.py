@@ -18,7 +18,7 @@ import rigidmc as rm
 from bench import harness, startup
 from bench.memory import peak
 from rigidmc.statistics.intervals import mean, probability
-from rigidmc.studies.stability_map.case import MAPS
+from rigidmc.studies.stability_map.cases import MAPS
 
 SIDES = {"intermediate_axis": 512}
 ASKED = {"intermediate_axis": 30.0, "heavy_chaos": 30.0}

@@ -125,7 +125,7 @@ def _is_of_package(name: str, asked: dict[str, Any], where: RunOptions) -> bool:
     """Whether the command names a shipped map; OptionError if the description of a shipped map or
     of a map of a scene is incomplete."""
     from rigidmc.scene.library import shipped_names
-    from rigidmc.studies.stability_map.case import MAPS
+    from rigidmc.studies.stability_map.cases import MAPS
 
     missing = [key for key in ("x", "y", "of") if key not in asked]
     plain = len(missing) == 3 and not where.settings
@@ -153,13 +153,13 @@ def _is_of_package(name: str, asked: dict[str, Any], where: RunOptions) -> bool:
 
 def _size(name: str, asked: dict[str, Any], where: RunOptions) -> int:
     """Estimate the bytes of the file of a map; 0 for a part, which is as large as its map."""
-    from rigidmc.studies.stability_map import case
+    from rigidmc.studies.stability_map import compute
     from rigidmc.studies.stability_map.question import LAYERS
     from rigidmc.studies.stability_map.study import RESOLUTION
 
     if "zoom" in asked:
         return 0
-    usual = case.RESOLUTION if _is_of_package(name, asked, where) else RESOLUTION
+    usual = compute.RESOLUTION if _is_of_package(name, asked, where) else RESOLUTION
     pixels = asked.get("resolution", usual) ** 2
     layers = asked.get("layers", LAYERS) if "z" in asked else 1
     return int(8 * pixels * layers * (4 + 3 * len(asked.get("of", ()))))
@@ -169,7 +169,8 @@ def _designed(
     study: "Study", name: str, asked: dict[str, Any], where: RunOptions, run: dict[str, Any]
 ) -> tuple[Any, Any]:
     """Return (the map before its first step, its options)."""
-    from rigidmc.studies.stability_map import case
+    from rigidmc.studies.stability_map.cases import MAPS
+    from rigidmc.studies.stability_map.compute import RESOLUTION, prepared_case
     from rigidmc.studies.stability_map.stored import prepare_zoom
     from rigidmc.studies.stability_map.study import read_part
 
@@ -177,9 +178,9 @@ def _designed(
         part = read_part(asked["zoom"], "zoom")
         return prepare_zoom(name, *part, where.allow_code, asked.get("resolution")), None
     if _is_of_package(name, asked, where):
-        adaptive = _adaptive(asked, case.MAPS[name]().of[0])
-        sides = asked.get("resolution", case.RESOLUTION)
-        return case.prepared_case(name, sides, asked.get("members"), adaptive, **run), None
+        adaptive = _adaptive(asked, MAPS[name]().of[0])
+        sides = asked.get("resolution", RESOLUTION)
+        return prepared_case(name, sides, asked.get("members"), adaptive, **run), None
     scene = load_scene(name, where.settings, where.allow_code)
     return study.designed(scene, {**asked, "adaptive": _adaptive(asked, asked["of"][0])}, run)
 
@@ -191,7 +192,7 @@ def _adaptive(asked: dict[str, Any], first: str) -> "bool | Borders":
 
 def _list(name: str | None) -> None:
     """List the shipped maps, or describe one of them."""
-    from rigidmc.studies.stability_map.case import MAPS
+    from rigidmc.studies.stability_map.cases import MAPS
 
     if name is not None and name not in MAPS:
         raise unknown("map", MAPS, at="map", value=name, error=OptionError)

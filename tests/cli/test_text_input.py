@@ -15,7 +15,7 @@ from rigidmc.physics.observables import KNOWN
 from rigidmc.scene.library import shipped_names
 from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.settings import Run, idle
-from rigidmc.studies.stability_map.case import MAPS
+from rigidmc.studies.stability_map.cases import MAPS
 from rigidmc.studies.stability_map.question import make_request
 from tests.tools.commands import invoke
 from tests.tools.plans import notes_of, plan_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.studies.stability_map.case import case_map
+from rigidmc.studies.stability_map.compute import prepared_case, run_map
 
 
 def megno(degrees, energy, moments=(2.0, 2.0, 1.0), members=128):
@@ -48,7 +48,7 @@ def test_chaos_rises_and_falls_with_energy():
 
 @pytest.mark.slow
 def test_a_map_of_the_share():
-    found = case_map("chaos_share", (16, 10), members=64)
+    found = run_map(prepared_case("chaos_share", (16, 10), members=64))
     part = found["p(megno>4)"].values
     assert not found.failed.values.any() and part[0].max() == 0.0
     middle = part[2:6, 5:11].mean()

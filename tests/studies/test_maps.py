@@ -3,7 +3,7 @@
 Also ensembles that grow until a number is known.
 """
 
-import pkgutil
+import inspect
 
 import numpy as np
 import pytest
@@ -18,7 +18,8 @@ from rigidmc.scene.parameters import parameter_names, with_parameter
 from rigidmc.statistics.intervals import probability
 from rigidmc.statistics.measures import measure
 from rigidmc.studies.stability_map import cases
-from rigidmc.studies.stability_map.case import _FILES, MAPS, case_map
+from rigidmc.studies.stability_map.cases import MAPS
+from rigidmc.studies.stability_map.compute import prepared_case, run_map
 from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.until import simulate_until
 from tests.tools.axes import faults
@@ -31,7 +32,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 
 @pytest.fixture(scope="module")
 def flips():
-    return case_map("intermediate_axis", SIDE, EACH, threads=2)
+    return run_map(prepared_case("intermediate_axis", SIDE, EACH), threads=2)
 
 
 def members_of(scene, i, j):
@@ -43,8 +44,10 @@ def members_of(scene, i, j):
     return xr.concat(alone, "member")
 
 
-def test_every_file_of_a_map_is_in_the_catalogue():
-    assert set(_FILES.values()) == {found.name for found in pkgutil.iter_modules(cases.__path__)}
+def test_every_map_is_in_the_catalogue():
+    functions = filter(inspect.isfunction, vars(cases).values())
+    makers = {f for f in functions if f.__annotations__["return"] is cases.MapCase}
+    assert makers == set(MAPS.values())
 
 
 def test_a_pixel_is_a_run_of_its_members(flips):
@@ -93,7 +96,7 @@ def test_intervals_hold_the_mean_of_many(flips):
 
 
 def test_the_sleeping_top_falls_within_a_pixel_of_theory():
-    ds = case_map("sleeping_top", 24, 2, threads=2)
+    ds = run_map(prepared_case("sleeping_top", 24, 2), threads=2)
     fallen, sleeps = ds["p(passages>=1)"].values > 0.5, ds.theory.values > 0.0
     near = np.zeros_like(sleeps)
     for di in (-1, 0, 1):
@@ -148,10 +151,8 @@ def test_a_share_has_a_line_where_half_of_the_members_do():
 
 
 def test_the_default_resolution_is_that_of_the_map_or_of_scenes():
-    from inspect import signature
-
-    assert signature(case_map).parameters["resolution"].default == 256
-    assert signature(rm.stability_map).parameters["resolution"].default == 128
+    assert inspect.signature(prepared_case).parameters["resolution"].default == 256
+    assert inspect.signature(rm.stability_map).parameters["resolution"].default == 128
 
 
 def test_failed_members_are_never_stable():
@@ -362,7 +363,7 @@ def test_the_command_maps(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MAPS)
 def test_every_map(name):
-    ds = case_map(name, 24)
+    ds = run_map(prepared_case(name, 24))
     assert not ds.failed.values.any()
     stability_map(ds)
     if name == "growth":

@@ -12,7 +12,7 @@ import pytest
 from scipy.special import ellipk
 
 import rigidmc as rm
-from rigidmc.studies.stability_map.case import MAPS
+from rigidmc.studies.stability_map.cases import MAPS
 
 ROOT = Path(__file__).parents[2]
 PICTURE = re.compile(

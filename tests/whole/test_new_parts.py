@@ -66,35 +66,6 @@ NEW = {
         "from rigidmc.scene.vector_distributions.attitudes import Fisher",
         "from rigidmc.scene.vector_distributions.ring import Ring as Ring",
     ),
-    "map": (
-        "studies/stability_map/cases/new_map.py",
-        '''
-"""A new map."""
-
-from rigidmc.scene.body import Body
-from rigidmc.scene.scene import Scene
-from rigidmc.scene.start import Start
-from rigidmc.studies.stability_map.case import MapCase
-
-
-def new_map():
-    scene = Scene(Body.from_moments((1.0, 2.0, 3.0)), start=Start(omega=(0.0, 1.0, 0.01)))
-    return MapCase(
-        title="A new map",
-        scene=scene,
-        x=("body.moments.1", 0.9, 1.1),
-        y=("body.moments.2", 1.9, 2.1),
-        of=("p(flips >= 1)",),
-        members=1,
-        shown="p(flips>=1)",
-        labels=("I1", "I2", "share that flips"),
-        settings={"integrator": "exact", "dt": 0.1, "t_end": 20.0},
-    )
-''',
-        "studies/stability_map/case.py",
-        '    "growth": "growth",',
-        '    "new_map": "new_map",',
-    ),
     "subcommand": (
         "cli/hello.py",
         recipe("Add a command"),
@@ -105,8 +76,8 @@ def new_map():
 }
 
 
-# a group of hard cases is no file: (file, line that the new text comes before, new text)
-GROUP = (
+# hard cases and a map are no files: (file, line that the new text comes before, new text)
+INSERTED = (
     (
         "studies/stress/free_cases.py",
         "CASES = {",
@@ -120,6 +91,28 @@ def new_group():
     ),
     ("studies/stress/free_cases.py", '    "H6": fast_spin,', '    "H16": new_group,'),
     ("studies/stress/__init__.py", '    "H15": "published ends",', '    "H16": "a new group",'),
+    (
+        "studies/stability_map/cases.py",
+        "MAPS: ",
+        """
+def new_map() -> MapCase:
+    scene = Scene(Body.from_moments((1.0, 2.0, 3.0)), start=Start(omega=(0.0, 1.0, 0.01)))
+    return MapCase(
+        title="A new map",
+        scene=scene,
+        x=("body.moments.1", 0.9, 1.1),
+        y=("body.moments.2", 1.9, 2.1),
+        of=("p(flips >= 1)",),
+        members=1,
+        shown="p(flips>=1)",
+        labels=("I1", "I2", "share that flips"),
+        settings={"integrator": "exact", "dt": 0.1, "t_end": 20.0},
+    )
+
+
+""",
+    ),
+    ("studies/stability_map/cases.py", '    "growth": growth,', '    "new_map": new_map,'),
 )
 
 
@@ -142,7 +135,7 @@ def extended(tmp_path_factory):
     for file, text, registry, before, line in NEW.values():
         (folder / "rigidmc" / file).write_text(text.lstrip())
         insert(folder / "rigidmc" / registry, before, line)
-    for file, before, text in GROUP:
+    for file, before, text in INSERTED:
         insert(folder / "rigidmc" / file, before, text)
     return folder
 

@@ -9,29 +9,34 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import OptionError, SceneError, SceneWarning
+from rigidmc.errors import OptionError, SceneError, SceneWarning, unknown
 from rigidmc.mechanics.inertia import TRIANGLE
 from rigidmc.planning.saves import first_and_last
 from rigidmc.planning.tolerance.choose import choose_integrator
 from rigidmc.processes.progress import reporter
 from rigidmc.results.variables import Variable, variables_of
 from rigidmc.runs.prepare import prepare_scene
-from rigidmc.runs.simulate import simulate
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 from rigidmc.statistics.measures import Measure, measure, save_for_measures
 from rigidmc.studies.framework.sides import Side
+from rigidmc.studies.stability_map.cases import MAPS
 from rigidmc.studies.stability_map.pixels import PixelCollector, Pixels, join_pixels, map_dataset
-from rigidmc.studies.stability_map.question import MapRequest, make_request
+from rigidmc.studies.stability_map.question import (
+    Borders,
+    MapRequest,
+    Resolution,
+    make_request,
+    with_borders,
+)
 from rigidmc.studies.stability_map.refine import BEGUN, borders_of, pixel_members, refine
 
 CHUNK = 2**17  # members at once: 20 to 40 MB, and 40 waits for the last block in a map of 4e6
 REPLICAS = 16  # members per pixel
+RESOLUTION = 256  # pixels per side of a shipped map
 
 Progress = bool | Callable[[int, int], object] | None  # True for a bar
-
-
 # (members, number computed before, number in all) -> their result
 Compute = Callable[[range | NDArray[np.int64], int, int], xr.Dataset]
 
@@ -52,9 +57,31 @@ class MapRun(NamedTuple):
 def replicas_of(scene: Scene, x: Side, y: Side) -> int:
     """Return REPLICAS if the members of a pixel differ, since a quantity or the attitude is random;
     else 1."""
-    one = make_request(x, y, "status", 1, 1, scene=scene).of_scene(scene)
-    drawn = any(isinstance(q, (Distribution, VectorDistribution)) for q in one.model.quantities())
-    return REPLICAS if drawn or isinstance(one.start.attitude, str) else 1
+    pixel = make_request(x, y, "status", 1, 1, scene=scene).of_scene(scene)
+    drawn = any(isinstance(q, (Distribution, VectorDistribution)) for q in pixel.model.quantities())
+    return REPLICAS if drawn or isinstance(pixel.start.attitude, str) else 1
+
+
+def prepared_case(
+    name: str,
+    resolution: Resolution = RESOLUTION,
+    members: int | None = None,
+    adaptive: bool | Borders = False,
+    **settings: Any,
+) -> MapRun:
+    """Prepare one of MAPS, before its first step.
+
+    settings : run settings of the map to replace, if not None;  others : see `stability_map`
+    """
+    if name not in MAPS:
+        raise unknown("map", MAPS, at="map", value=name, error=OptionError)
+    case = MAPS[name]()
+    changes = {key: value for key, value in settings.items() if value is not None}
+    usual = {k: value for k, value in case.settings.items() if k != "dt" or "turn" not in changes}
+    members = case.members if members is None else members
+    request = make_request(case.x, case.y, case.of, resolution, members, name=name)
+    request = with_borders(request, case.borders if adaptive is True else adaptive)
+    return prepare_map(request, case.scene, **usual | changes)
 
 
 def prepare_map(request: MapRequest, scene: Scene, **settings: Any) -> MapRun:
@@ -66,13 +93,12 @@ def prepare_map(request: MapRequest, scene: Scene, **settings: Any) -> MapRun:
     if scene.run.points != "independent":
         rule = "the interval of a pixel requires independent members"
         raise SceneError(rule, at="run.points", value=scene.run.points)
-    scene = save_for_measures(scene, request.of)
-    whole = _with_integrator(scene)
-    run = prepare_scene(whole)
+    scene = _with_integrator(save_for_measures(scene, request.of))
+    run = prepare_scene(scene)
     # no notes on long steps: maps use them on purpose
     for note in run.scene_notes:
         warnings.warn(note, SceneWarning, stacklevel=3)
-    return describe_map(request, whole, run.layout.by_member)
+    return describe_map(request, scene, run.layout.by_member)
 
 
 def describe_map(request: MapRequest, scene: Scene, known: dict[str, Variable]) -> MapRun:
@@ -90,12 +116,12 @@ def run_map(
     device: str | None = None,
 ) -> xr.Dataset:
     """Compute a map in memory and return its Dataset."""
-    began, scene = time.perf_counter(), first_and_last(map_run.scene)
+    began, run = time.perf_counter(), prepare_scene(first_and_last(map_run.scene))
 
     def compute(members: range | NDArray[np.int64], done: int, of_all: int) -> xr.Dataset:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)  # `prepare_map` gave the notes
-            part = simulate(scene, members=members, threads=threads, device=device)
+            part = run.run(members=members, threads=threads, device=device)
         report.step(len(members))
         report.poll()
         if callable(progress):
@@ -105,16 +131,17 @@ def run_map(
     # an adaptive map needs fewer members; their number is not known in advance
     with reporter(progress is True, map_run.request.members, 1) as report:
         if map_run.request.borders is not None:
-            found = finish_map(map_run, _refined(map_run, compute))
+            pixels = _refined(map_run, compute)
         else:
-            found = finish_map(map_run, join_pixels(list(_computed(map_run, compute))))
-    return found.assign_attrs(seconds=time.perf_counter() - began)
+            pixels = join_pixels(list(_computed(map_run, compute)))
+    return finish_map(map_run, pixels).assign_attrs(seconds=time.perf_counter() - began)
 
 
 def finish_map(
     map_run: MapRun, pixels: Pixels, computed: NDArray[np.bool_] | None = None
 ) -> xr.Dataset:
-    """Return the Dataset of the pixels; OptionError if all have an impossible body or start.
+    """Return the Dataset of the pixels, with the theory of a shipped map; OptionError if all have
+    an impossible body or start.
 
     computed : whether each pixel of an adaptive map was computed, if the other pixels are already
         filled from these
@@ -128,7 +155,14 @@ def finish_map(
     if request.borders is not None and computed is None:
         state = refine(request, pixels)
         pixels, computed = pixels.at(state.source), state.known
-    return map_dataset(request, map_run.scene, map_run.known, map_run.measures, pixels, computed)
+    ds = map_dataset(request, map_run.scene, map_run.known, map_run.measures, pixels, computed)
+    if request.name in MAPS:
+        case = MAPS[request.name]()
+        sides = np.meshgrid(ds.x.values, ds.y.values)
+        for key, (units, text, values) in case.derived.items():
+            ds[key] = (("y", "x"), values(ds, *sides), {"units": units, "long_name": text})
+        ds.attrs |= {"title": case.title, "map": request.name, "theory": case.source}
+    return ds
 
 
 def _with_integrator(scene: Scene) -> Scene:
@@ -137,8 +171,7 @@ def _with_integrator(scene: Scene) -> Scene:
         return scene
     run = choose_integrator(scene.with_model(scene.model.coarse()))[0].run
     step = {"dt": run.dt} if run.turn is None else {"turn": run.turn}
-    chosen: Scene = scene.with_run(integrator=run.integrator, dtype=run.dtype, **step)
-    return chosen
+    return scene.with_run(integrator=run.integrator, dtype=run.dtype, **step)
 
 
 def _refined(map_run: MapRun, compute: Compute) -> Pixels:

@@ -26,7 +26,6 @@ from rigidmc.runs.directory.load import load_run, scene_of_run
 from rigidmc.runs.directory.resume import add_members, resume
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.studies.framework.sides import Whole
-from rigidmc.studies.stability_map.case import with_theory
 from rigidmc.studies.stability_map.compute import (
     MapRun,
     Progress,
@@ -134,8 +133,7 @@ def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
         sound = all(isinstance(value, (float, int, np.number)) for value in more.values())
     if not sound:
         raise FileError("expected a number", at="seconds", file=path)
-    whole = finish_map(map_run, Pixels(intervals, counts), computed)
-    return with_theory(whole, request.name).assign_attrs(more)
+    return finish_map(map_run, Pixels(intervals, counts), computed).assign_attrs(more)
 
 
 def request_of(directory: RunDirectory) -> MapRequest:
@@ -172,13 +170,13 @@ def map_of_run(path: Path, allow_code: bool = False) -> xr.Dataset:
     if not directory.shards():
         raise FileError("no shard is finished yet: resume it first", at="run", value=directory.path)
     request, pixels = map_run.request, collected.pixel_values()
-    found = with_theory(finish_map(map_run, pixels), request.name)
+    ds = finish_map(map_run, pixels)
     missing = collected.missing()
     if request.borders is not None:
         missing -= request.members - int(directory.facts["members"])
         if not missing and (level := directory.facts.get("growing")):
             missing = refine(request, pixels, level).wanted.size * request.replicas
-    return found.assign_attrs(missing=missing) if missing else found
+    return ds.assign_attrs(missing=missing) if missing else ds
 
 
 def members_there(
@@ -295,8 +293,7 @@ def zoom_map(
     >>> rm.zoom_map(whole, (1.0, 1.5), (0.5, 1.0)).x.values.tolist()
     [1.125, 1.375]
     """
-    map_run = prepare_zoom(source, x, y, allow_code, resolution)
-    return with_theory(run_map(map_run, threads, progress, device), map_run.request.name)
+    return run_map(prepare_zoom(source, x, y, allow_code, resolution), threads, progress, device)
 
 
 def prepare_zoom(

@@ -43,7 +43,6 @@ from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.options import Example, Options, Words, keywords_of, option
 from rigidmc.studies.framework.sides import SIDE, Side
 from rigidmc.studies.framework.study import Study
-from rigidmc.studies.stability_map.case import with_theory
 from rigidmc.studies.stability_map.compute import MapRun, prepare_map, replicas_of, run_map
 from rigidmc.studies.stability_map.question import (
     MOST_LAYERS,
@@ -178,7 +177,7 @@ class Maps:
         self, map_run: MapRun, options: Any, threads: int | None, device: str | None, progress: Any
     ) -> xr.Dataset:
         """Compute the map now."""
-        return with_theory(run_map(map_run, threads, progress, device), map_run.request.name)
+        return run_map(map_run, threads, progress, device)
 
     def stored(
         self, name: str, path: Path, options: Any, threads: int | None, allow_code: bool
