@@ -38,12 +38,11 @@ def check_command(
     with report_errors(scene):
         from rigidmc.planning.check import check_scene as check_scene
         from rigidmc.runs.prepare import prepare_scene
-        from rigidmc.scene.recording import make_recording
 
         loaded = load_scene(scene, settings, allow_code)
         auto = loaded.run.integrator == "auto"
         if auto:
-            check_scene(loaded, make_recording(loaded))
+            check_scene(loaded, loaded.recording)
         ready = prepare_scene(loaded.with_run(integrator="rk8") if auto else loaded)
         for note in ready.scene_notes if auto else ready.notes:
             print(f"note: {note}")

@@ -17,7 +17,6 @@ from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.recording import Recording
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import with_changes
-from rigidmc.scene.toml.write import dumps
 from rigidmc.version import VERSION
 
 Coordinate = tuple[tuple[str, ...], NDArray[Any], dict[str, Any]]  # dimensions, values, attributes
@@ -209,7 +208,7 @@ class ResultLayout(NamedTuple):
     def text(self) -> str:
         """Return the scene as TOML text."""
         own = {name: value for name, value in self.settings.items() if value is not None}
-        return dumps(self.scene, with_changes(self.scene.run, own))
+        return self.scene.dumps(with_changes(self.scene.run, own))
 
     def is_rounded(self, name: str) -> bool:
         """Whether files round a variable to a number of digits. They round saves over time, but

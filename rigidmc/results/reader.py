@@ -35,7 +35,7 @@ from rigidmc.results.variables import (
 )
 from rigidmc.scene.derivatives import parameters_of_run
 from rigidmc.scene.parameters import units_at
-from rigidmc.scene.recording import Recording, make_recording
+from rigidmc.scene.recording import Recording
 from rigidmc.scene.scene import Scene, loads
 from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import scene_text
@@ -151,7 +151,7 @@ def _scene_of(dataset: xr.Dataset, path: str) -> Scene:
 def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable], list[str]]:
     """Return (axes of a result, {name: Variable} of all variables that results of a scene may have,
     names of the required ones)."""
-    model, run, recorded = scene.model, scene.run, make_recording(scene)
+    model, run, recorded = scene.model, scene.run, scene.recording
     opaque = [
         (label, effect)
         for label, effect in label_effects(scene.effects)

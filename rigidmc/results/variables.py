@@ -24,7 +24,7 @@ from rigidmc.scene.derivatives import derivative_name, derivative_units
 from rigidmc.scene.drifts import LAWS
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import is_shared
-from rigidmc.scene.recording import Recording, conservation, make_recording, untracked_effects
+from rigidmc.scene.recording import Recording, conservation, untracked_effects
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import Run
 from rigidmc.scene.start import Start
@@ -174,7 +174,7 @@ def member_variables(
 
 def variables_of(scene: Scene) -> dict[str, Variable]:
     """Return the variables by members of the results of a scene, without attitudes."""
-    return member_variables(scene.model, scene.run, make_recording(scene), False)
+    return member_variables(scene.model, scene.run, scene.recording, False)
 
 
 # variables that results of earlier versions lack, and their replacements

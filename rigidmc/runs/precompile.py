@@ -12,7 +12,6 @@ from rigidmc.planning.closed_form import closed_values
 from rigidmc.processes.progress import announce
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.scene import Scene, takes_scene
-from rigidmc.scene.user_parts.registry import user_parts_of
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 
@@ -77,7 +76,7 @@ def _precompile_one(scene: Scene) -> Precompiled:
     began, name, before = time.perf_counter(), scene.run.integrator, len(compiled)
     run = prepare_scene(scene)
     parts = [
-        type(part) for part in user_parts_of(run.scene) if not isinstance(part, VectorDistribution)
+        type(part) for part in run.scene.user_parts if not isinstance(part, VectorDistribution)
     ]
     if found := {kind.__name__: why for kind in parts if (why := why_not_cached(kind))}:
         rule = "; ".join(

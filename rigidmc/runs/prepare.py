@@ -38,7 +38,6 @@ from rigidmc.runs.resources import block_of, check_resources
 from rigidmc.runs.settled import Machine, SettledRun
 from rigidmc.scene.derivatives import parameters_of_run
 from rigidmc.scene.quantities import Varied
-from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.user_parts.registry import CLASSES, contents_of_parts, remember_classes
 from rigidmc.scene.validation import PILOT
@@ -120,7 +119,7 @@ class PreparedRun(SettledRun):
         """Raise PartError if custom code has changed since the run was prepared."""
         if not self.contents:  # no custom code
             return
-        if changed := changes(self.contents, contents_of_parts(self.scene)):
+        if changed := changes(self.contents, contents_of_parts(self.scene.user_parts)):
             rule = f"{', '.join(changed[:5])}: changed since the run was prepared; prepare it again"
             raise PartError(rule, at="code")
 
@@ -244,7 +243,7 @@ class PreparedRun(SettledRun):
         except BaseException:
             sink.discard()
             raise
-        dataset.encoding[CLASSES] = remember_classes(run.scene) if run.contents else ""
+        dataset.encoding[CLASSES] = remember_classes(run.scene.user_parts) if run.contents else ""
         dataset.encoding["rigidmc"] = {
             "run_seconds": time.perf_counter() - began,
             "compile_seconds": compiled,
@@ -294,14 +293,14 @@ def prepare_scene(scene: Scene, plotted: int = 0) -> PreparedRun:
 
 def _prepare_scene(scene: Scene, plotted: int) -> PreparedRun:
     """Prepare a scene whose varied parameters are already marked; see `prepare_scene`."""
-    wrt, recorded = parameters_of_run(scene.model, scene.run.wrt), make_recording(scene)
+    wrt, recorded = parameters_of_run(scene.model, scene.run.wrt), scene.recording
     check_scene(scene, recorded)  # first: every step from here on may evaluate custom effects
     units = choose_units(scene)
     moving = scene if units is None else units.scaled(scene)
     moving, choice = choose_integrator(settle_saves(moving))
     moving = save_to_plot(moving, recorded, plotted, len(wrt))
     run, model = moving.run, moving.model
-    recording = recorded if units is None else make_recording(moving)  # times of events differ
+    recording = recorded if units is None else moving.recording  # times of events differ
     coarse, sampler = model.coarse(), make_sampler(model, run)
     check_starts(coarse, sampler, run.seed)
     monitors = make_monitors(model, recording, run.seed)
@@ -324,5 +323,5 @@ def _prepare_scene(scene: Scene, plotted: int) -> PreparedRun:
         choice=choice,
         step_notes=step_notes(scene.run, plan, units),
         scene_notes=scene_notes(scene.model, scene.run, plan),
-        contents=contents_of_parts(settled),
+        contents=contents_of_parts(settled.user_parts),
     )

@@ -25,7 +25,6 @@ from rigidmc.runs.directory.dataset import open_run
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.derivatives import derivative_name
-from rigidmc.scene.recording import make_recording
 from rigidmc.scene.save_times import SaveTimes, read_every
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.scene.settings import Run
@@ -212,7 +211,7 @@ def _everything(scene: Scene) -> tuple[str, ...]:
     """Return the names of all observables at save times (of work only if the scene saves it), and
     of the scene's observables over all steps."""
     more = dict.fromkeys(
-        (*own(scene.observables), *scene.run.save, *summaries(make_recording(scene).retained))
+        (*own(scene.observables), *scene.run.save, *summaries(scene.recording.retained))
     )
     over = (name for name in more if name not in OBSERVABLES)
     return (*(name for name in OBSERVABLES if name != "work" or "work" in scene.run.save), *over)
@@ -307,9 +306,7 @@ def _pairs(again: xr.Dataset, result: xr.Dataset, scene: Scene) -> Iterator[Pair
     """Yield each variable that both results have, even if one stores only part of its saves."""
     over = set[str]()  # variables over all steps
     if again.sizes["time"]:
-        over = {
-            name for label, one in make_recording(scene).monitored for name in outputs(label, one)
-        }
+        over = {name for label, one in scene.recording.monitored for name in outputs(label, one)}
         over |= set(map(derivative_name, over))
     parameters = [list(ds.parameter.values) if "parameter" in ds else [] for ds in (again, result)]
     for name in map(str, again.data_vars):

@@ -15,7 +15,7 @@ from rigidmc.physics.observables import (
 )
 from rigidmc.physics.observables.protocol import EnsembleObservable, NoiseSum
 from rigidmc.physics.observables.saving import outputs_with_derivatives, save_words, summaries
-from rigidmc.scene.parts import Parts
+from rigidmc.scene.settings import Run
 
 Labelled = tuple[tuple[str, Any], ...]  # (label, observable) of each
 
@@ -60,19 +60,18 @@ class Recording(NamedTuple):
         )
 
 
-def make_recording(scene: Parts) -> Recording:
+def make_recording(run: Run, observables: tuple[Any, ...], effects: Sequence[Any]) -> Recording:
     """Return the Recording of a scene."""
-    save, given = scene.run.save, scene.observables
-    names = saved_observables(save, given)
-    retained = save_words(scene.run.keep, names, given)
-    at_saves = recorded_observables(save, given)
+    names = saved_observables(run.save, observables)
+    retained = save_words(run.keep, names, observables)
+    at_saves = recorded_observables(run.save, observables)
     return Recording(
         names,
         retained,
-        {name: bind(one, scene.effects) for name, one in at_saves.items()},
-        tuple(monitored_observables((*save, *summaries(retained)), given)),
-        "work" in save,
-        given,
+        {name: bind(one, effects) for name, one in at_saves.items()},
+        tuple(monitored_observables((*run.save, *summaries(retained)), observables)),
+        "work" in run.save,
+        observables,
     )
 
 

@@ -15,7 +15,6 @@ from rigidmc.files.reading import toml
 from rigidmc.physics.dynamics.methods import argument_names
 from rigidmc.physics.observables import OBSERVABLES, find_observable, own
 from rigidmc.physics.observables.protocol import DIMENSIONS
-from rigidmc.scene.recording import make_recording
 from rigidmc.scene.sampling import is_sample_of
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.toml.read import scene_text
@@ -144,7 +143,7 @@ def component_of(scene: Scene, text: str, key: str) -> StateComponent:
     if match is None:
         raise OptionError("expected an observable: NAME or NAME[3]", at=key, value=text)
     name, component = match["name"], match["component"]
-    names = dict.fromkeys((*OBSERVABLES, *own(scene.observables), *make_recording(scene).recorded))
+    names = dict.fromkeys((*OBSERVABLES, *own(scene.observables), *scene.recording.recorded))
     known = [word for word in names if of_the_state(scene, word)]
     if name not in known:
         rule = f"no such observable of the state at save times; known: {', '.join(known)}"

@@ -18,7 +18,6 @@ from rigidmc.results.variables import variables_of
 from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.quantities import count_rows
-from rigidmc.scene.recording import make_recording
 from rigidmc.scene.sampling import is_sample, refuse_indexed
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.statistics.intervals import Estimate, Interval, mean, probability
@@ -175,7 +174,7 @@ def _refuse_no_sample(scene: Scene, until: str) -> None:
 
 def without_saves(scene: Scene) -> Scene:
     """Return the scene, saving only final values of its members, and no derivatives."""
-    at_times = make_recording(scene).names
+    at_times = scene.recording.names
     save = tuple(name for name in scene.run.save if name not in at_times)
     lean: Scene = scene.with_run(save=save, wrt=())
     return lean

@@ -15,7 +15,7 @@ from rigidmc.physics.dynamics.trials import OLD_ARGUMENTS
 from rigidmc.physics.effects import protocol as effects
 from rigidmc.physics.integrators import protocol as integrators
 from rigidmc.physics.observables import protocol as observables
-from rigidmc.scene import parts
+from rigidmc.scene import scene
 from rigidmc.scene.vector_distributions.protocol import OLD_WORDS
 
 BODY = rm.Body.from_moments((1.0, 1.4, 2.0))
@@ -126,7 +126,7 @@ def test_old_names_of_bodies_and_starts(value, old):
         getattr(value, old)
 
 
-@pytest.mark.parametrize("old", parts._GONE)
+@pytest.mark.parametrize("old", scene._GONE)
 def test_what_a_scene_had(old):
     with pytest.raises(AttributeError, match=f"Scene.{old} was removed: "):
         getattr(rm.Scene(BODY), old)

@@ -173,6 +173,8 @@ def test_a_result_leads_to_the_classes_of_its_process():
     result = xr.Dataset(coords={"member": [0]}, attrs={"scene": scene.dumps()})
     with pytest.raises(rm.SceneError, match="module"):  # of another process
         scene_of(result)
-    result.encoding[CLASSES] = key = remember_classes(scene)
-    assert key == remember_classes(scene) and not remember_classes(rm.Scene.load("heavy_top"))
+    result.encoding[CLASSES] = key = remember_classes(scene.user_parts)
+    assert key == remember_classes(scene.user_parts) and not remember_classes(
+        rm.Scene.load("heavy_top").user_parts
+    )
     assert type(scene_of(result.isel(member=[0])).effects[0]) is Push

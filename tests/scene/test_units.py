@@ -9,7 +9,6 @@ from rigidmc.scene.body_changes import BodyChanges
 from rigidmc.scene.body_makers import BodyMakers
 from rigidmc.scene.body_readers import BodyReaders
 from rigidmc.scene.quantities import draw
-from rigidmc.scene.recording import make_recording
 from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from tests.tools.plans import starts
 from tests.tools.units import OTHERS, PLAIN, in_units
@@ -39,7 +38,7 @@ SCENES |= {kind: rm.Scene(body, start=rm.Start(**SPIN)) for kind, body in BODIES
 
 def drawn(scene, by=PLAIN):
     """{name: pure numbers} of the starts of 64 members."""
-    known = member_variables(scene.model, scene.run, make_recording(scene), True)
+    known = member_variables(scene.model, scene.run, scene.recording, True)
     start = starts(scene, 0, 64, True)[1]
     units = {name: known[name].attrs.get("units", "1") for name in known.keys() & start.keys()}
     return {name: start[name] / by.of(unit) for name, unit in units.items()}

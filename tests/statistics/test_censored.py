@@ -17,7 +17,6 @@ from rigidmc.files.netcdf import read
 from rigidmc.physics.observables.saving import event_times
 from rigidmc.protocols import event, running, select
 from rigidmc.results.variables import NEWER
-from rigidmc.scene.recording import make_recording
 from rigidmc.statistics import censored, intervals
 from rigidmc.studies.stability_map.picture import stability_map as drawn
 from tests.statistics.test_estimates import SCENE
@@ -296,9 +295,7 @@ def test_which_outputs_are_times_of_events():
     stated = type("Stated", (SlowAt,), {"event_times": ()})
     assert event_times("slow_at", stated()) == {}
     assert (
-        event_times(
-            "omega_max", make_recording(SCENE.with_run(save=("omega_max",))).monitored[0][1]
-        )
+        event_times("omega_max", SCENE.with_run(save=("omega_max",)).recording.monitored[0][1])
         == {}
     )
     wrong = type("Wrong", (SlowAt,), {"event_times": ("other",)})

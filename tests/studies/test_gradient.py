@@ -15,7 +15,6 @@ from rigidmc.physics.observables import saveable_names
 from rigidmc.physics.observables.protocol import observable
 from rigidmc.physics.observables.saving import is_event_time
 from rigidmc.results.variables import member_derivatives, saved_variables, variables_of
-from rigidmc.scene.recording import make_recording
 from rigidmc.statistics.intervals import probability
 from rigidmc.studies import load_study
 from rigidmc.studies.gradient.estimators import growth_of, of_mean, of_quantile, of_score
@@ -196,7 +195,7 @@ def saving_all(scene):
 def measures_of(scene):
     """{variable over members: measure of its mean} of all that a scene can monitor or save."""
     every = saving_all(scene)
-    found = {**variables_of(every), **saved_variables(every.effects, make_recording(every))}
+    found = {**variables_of(every), **saved_variables(every.effects, every.recording)}
     single = {name: one.dims for name, one in found.items() if not name.startswith("start_")}
     axes = {("member",): "", ("axis", "member"): "[2]"}
     made = {name: f"mean({name}{axes[d]})" for name, d in single.items() if d in axes}
@@ -211,7 +210,7 @@ def test_every_observable_that_wrt_differentiates_has_a_path():
     given = points, Upward(), rm.Passage(3, 0.1)
     scene = dataclasses.replace(DISC, observables=given)
     every = saving_all(scene).with_run(wrt=(BY_MEAN,))
-    recording, known = make_recording(every), variables_of(every)
+    recording, known = every.recording, variables_of(every)
     able = member_derivatives(known, recording, ("s",)) | {
         f"d_{name}_last": 0 for name in recording.names
     }

@@ -6,7 +6,6 @@ from rigidmc.planning.monitors import has_attitude, make_monitors
 from rigidmc.planning.notes import scene_notes, step_notes
 from rigidmc.runs.assemble import make_program
 from rigidmc.runs.prepare import prepare_scene
-from rigidmc.scene.recording import make_recording
 
 
 def plan_of(scene):
@@ -34,12 +33,12 @@ def closed_form(scene, members=None, first=None):
 
 def monitors_of(scene):
     """The Monitors of a scene."""
-    return make_monitors(scene.model, make_recording(scene), scene.run.seed)
+    return make_monitors(scene.model, scene.recording, scene.run.seed)
 
 
 def carries_attitude(scene):
     """Whether a run of a scene follows the attitude."""
-    return has_attitude(scene.effects, make_recording(scene), monitors_of(scene))
+    return has_attitude(scene.effects, scene.recording, monitors_of(scene))
 
 
 def notes_of(scene, plan=None):

@@ -37,7 +37,6 @@ from rigidmc.planning.tolerance.truth import (
     make_reference,
 )
 from rigidmc.processes.progress import say
-from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 
 # members: the 99 % quantile is then below the second largest error with 96 % certainty
@@ -57,7 +56,7 @@ def choose_integrator(scene: Scene) -> tuple[Scene, Choice | None]:
     run = scene.run
     if run.integrator != "auto":
         return scene, None
-    check_scene(scene, make_recording(scene))
+    check_scene(scene, scene.recording)
     # any integrator that accepts the scene can represent the candidates
     slips = any(implements(effect, "slip") for effect in scene.effects)
     some = scene.with_run(integrator="rk8" if slips else "rk4")

@@ -20,7 +20,6 @@ from rigidmc.planning.steps import Array, Clock, round_grid
 from rigidmc.planning.tolerance.deviation import upper_quantile
 from rigidmc.planning.tolerance.pilot import OBSERVED, Pilot
 from rigidmc.scene.quantities import count_rows
-from rigidmc.scene.recording import make_recording
 
 
 class Candidate(NamedTuple):
@@ -101,7 +100,7 @@ class Costs:
         def record() -> float:
             scene = self.pilot.scene.with_run(integrator="rk4")
             form = self.pilot.scheme(scene, 1.0)
-            recorded = make_recording(scene).recorded
+            recorded = scene.recording.recorded
             observables = tuple(o for n, o in recorded.items() if n != "work")
             plain, saving = (
                 self._stepped(form, "float64", observables, stride=stride) for stride in (32, 1)
@@ -117,7 +116,7 @@ class Costs:
 
     def _closed(self) -> float:
         scene, count = self.pilot.scene, min(512, max(layout.LANES, self.pilot.members))
-        model, recorded = scene.model, list(make_recording(scene).recorded.values())
+        model, recorded = scene.model, list(scene.recording.recorded.values())
         height = block_rows(model.effects, False)
         saves, taken = min(self.saves, 50), []
         times = np.linspace(0.0, scene.run.t_end, saves + 1)

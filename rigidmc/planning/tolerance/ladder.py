@@ -15,7 +15,6 @@ from rigidmc.planning.tolerance.costs import Candidate, Costs
 from rigidmc.planning.tolerance.deviation import QUANTITIES, errors
 from rigidmc.planning.tolerance.pilot import MOST_STEPS, Pilot, first_steps, integrate_pilot
 from rigidmc.planning.tolerance.truth import Reference, closed_pilot_states
-from rigidmc.scene.recording import make_recording
 
 SINGLE = ("rk4", "exact", "strang")  # also tried in float32
 LADDERS = 0.7  # of the effort of a search; the rest is for the check
@@ -40,7 +39,7 @@ def candidates(
         if name != "closed" or true.source.startswith("closed")
     ]
     # closed forms make no steps, and custom observables do not accept arrays
-    own = any(map(is_own, make_recording(scene).recorded.values()))
+    own = any(map(is_own, scene.recording.recorded.values()))
     if pilot.monitors.each_step or own:
         able = [name for name in able if name != "closed"]
     if integrators:

@@ -31,7 +31,6 @@ from rigidmc.planning.steps import Array, Clock, count_member_steps, rate_bounds
 from rigidmc.planning.switches import cut_rows
 from rigidmc.processes.threads import Task, threads_of
 from rigidmc.scene.quantities import count_rows, is_shared
-from rigidmc.scene.recording import make_recording
 from rigidmc.scene.save_times import settled
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import Run
@@ -133,7 +132,7 @@ def pilot(scene: Scene, members: int, first: int | None = None) -> Pilot:
 
     It has fewer members if the scene has too few rows, and one if all are alike.
     """
-    recorded = make_recording(scene)
+    recorded = scene.recording
     check_scene(scene, recorded)
     monitors = make_monitors(scene.model, recorded, scene.run.seed)
     scene = scene.with_model(scene.model.coarse())

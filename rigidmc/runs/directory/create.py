@@ -50,7 +50,6 @@ from rigidmc.runs.resources import block_in, check_resources
 from rigidmc.scene.quantities import count_rows
 from rigidmc.scene.sampling import drawn_through
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.user_parts.registry import user_parts_of
 
 
 class MemberSelection(NamedTuple):
@@ -165,7 +164,7 @@ def _facts(run: PreparedRun, shard: int, block: int, about: Mapping[str, str]) -
     scene = run.scene
     versions, machine = this_machine(*["scipy"] * bool(drawn_through(scene.model, scene.run)))
     versions |= growth_methods(run.scene)
-    sources = [file for part in user_parts_of(scene) for file in sources_of(type(part))]
+    sources = [file for part in scene.user_parts for file in sources_of(type(part))]
     return {
         "format": FORMAT,
         "scene": "",

@@ -20,7 +20,6 @@ from rigidmc.runs.directory.facts import hash_of
 from rigidmc.runs.directory.folder import RunDirectory, hash_of_file
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import block_of_shard
-from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene, loads
 from rigidmc.scene.user_parts.registry import contents_of_parts
 from rigidmc.version import VERSION
@@ -35,7 +34,7 @@ FORMER_METHODS = {"megno": "neighbour"}
 
 def growth_methods(scene: Scene) -> dict[str, str]:
     """Return the entries of GROWTH_METHODS that concern the results of a scene."""
-    monitored = make_recording(scene).monitored
+    monitored = scene.recording.monitored
     return GROWTH_METHODS if any(isinstance(one, Growth) for _, one in monitored) else {}
 
 
@@ -102,7 +101,7 @@ def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Sc
             raise FileError(rule, at="code", value=", ".join(changed), file=directory.path)
     scene = scene_in(directory.folder, facts, allow_code)
     stored = facts.get("contents") if facts["versions"]["rigidmc"] == VERSION else None
-    if allow_code and stored and (other := changes(stored, contents_of_parts(scene))):
+    if allow_code and stored and (other := changes(stored, contents_of_parts(scene.user_parts))):
         rule = "has changed since the run was started, which its other members were computed with"
         raise FileError(rule, at="code", value=", ".join(other[:5]), file=directory.path)
     known = hash_of(scene)

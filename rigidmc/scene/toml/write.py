@@ -1,5 +1,6 @@
 """Writing of a scene as TOML text, from which `rigidmc.scene.scene.loads` makes the same scene."""
 
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import tomli_w
@@ -8,40 +9,46 @@ from rigidmc.physics.dynamics.methods import word_of
 from rigidmc.physics.effects import EFFECTS, label_effects, name_of
 from rigidmc.physics.effects.protocol import user_parameters
 from rigidmc.physics.observables import is_own, word_of_observable
-from rigidmc.scene.body import IDENTITY
-from rigidmc.scene.parts import Parts
+from rigidmc.scene.body import IDENTITY, Body
+from rigidmc.scene.model import Model
 from rigidmc.scene.settings import Run
+from rigidmc.scene.start import Start
 from rigidmc.scene.start_tables import attitude_as_table, omega_as_table
 from rigidmc.scene.stated import ORIGIN, Stated
 from rigidmc.scene.toml.values import as_toml
 from rigidmc.scene.user_parts.registry import module_of
 
 
-def dumps(scene: Parts, run: Run | None = None) -> str:
-    """Return the scene as TOML text; arrays with one row per member become references to variables
+def dumps(
+    texts: Mapping[str, str],
+    model: Model,
+    observables: Iterable[Any],
+    integrators: Iterable[Any],
+    run: Run,
+) -> str:
+    """Return a scene as TOML text; arrays with one row per member become references to variables
     of the result.
 
-    run : settings that replace those in the scene
+    texts : title, summary and source
     """
-    texts = {"title": scene.title, "summary": scene.summary, "source": scene.source}
     tables: dict[str, Any] = {key: text for key, text in texts.items() if text != ""}
-    tables |= {"body": _body(scene), "effects": _effects(scene)}
-    if scene.observables:
+    tables |= {"body": _body(model.body), "effects": _effects(model.effects)}
+    if observables:
         pairs = [
             (word_of_observable(one), {**(module_of(one) if is_own(one) else {}), **one._asdict()})
-            for one in scene.observables
+            for one in observables
         ]
         tables["observables"] = _grouped(pairs)
-    if scene.integrators:
+    if integrators:
         tables["integrators"] = {
-            word_of(type(one)): {**module_of(one), **one._asdict()} for one in scene.integrators
+            word_of(type(one)): {**module_of(one), **one._asdict()} for one in integrators
         }
-    tables |= {"start": _start(scene), "run": _run(run or scene.run)}
+    tables |= {"start": _start(model.start), "run": _run(run)}
     return tomli_w.dumps(tables)
 
 
-def _body(scene: Parts) -> dict[str, Any]:
-    body, back = scene.body, ORIGIN
+def _body(body: Body) -> dict[str, Any]:
+    back = ORIGIN
     if isinstance(body.stated, Stated):
         table, back = body.stated.as_table(), body.stated.origin_to_pivot()
     else:
@@ -56,17 +63,17 @@ def _body(scene: Parts) -> dict[str, Any]:
     return table
 
 
-def _effects(scene: Parts) -> dict[str, Any]:
+def _effects(effects: Iterable[Any]) -> dict[str, Any]:
     pairs = []
-    for label, effect in label_effects(scene.effects):
+    for label, effect in label_effects(effects):
         table = {} if type(effect) in EFFECTS.values() else module_of(effect)
         table |= {k: as_toml(getattr(effect, k), f"{label}_{k}") for k in user_parameters(effect)}
         pairs.append((name_of(effect), table))
     return _grouped(pairs)
 
 
-def _start(scene: Parts) -> dict[str, Any]:
-    start, which = scene.start, scene.start.spin_name
+def _start(start: Start) -> dict[str, Any]:
+    which = start.spin_name
     relative = {key: key in start.relative_to_orbit for key in (which, "attitude")}
     names = {key: f"start_{'relative_' if relative[key] else ''}{key}" for key in relative}
     names["attitude"] = "start_euler" if start.has_euler_angles else names["attitude"]

@@ -5,20 +5,14 @@ A table gives the class by its own name, as in [effects.Wind], and the file by m
 
 import uuid
 from collections import namedtuple
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import make_dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rigidmc.engine.compiler.contents import contents_of
 from rigidmc.errors import SceneError
 from rigidmc.files.user_code import class_named, class_of, source_of
-from rigidmc.physics.effects import EFFECTS
-from rigidmc.physics.observables import is_own
-from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
-
-if TYPE_CHECKING:
-    from rigidmc.scene.parts import Parts
 
 Classes = tuple[type[Any], ...]
 CLASSES = "rigidmc_classes"  # key for them in the encoding of a result
@@ -63,10 +57,10 @@ def load_user_class(name: str, module: Any, at: str, code: Code) -> type[Any] | 
     return class_of(code, module, name, at)
 
 
-def remember_classes(scene: "Parts") -> str:
-    """Keep the custom classes of a scene, and return the key by which a result of this process has
-    them; "" if there are none."""
-    classes = tuple(dict.fromkeys(type(part) for part in user_parts_of(scene)))
+def remember_classes(parts: Iterable[Any]) -> str:
+    """Keep the classes of the custom parts of a scene, and return the key by which a result of this
+    process has them; "" if there are none."""
+    classes = tuple(dict.fromkeys(map(type, parts)))
     key = next((key for key, known in _made_here.items() if known == classes), uuid.uuid4().hex)
     if classes:
         _made_here[key] = classes
@@ -107,21 +101,9 @@ def make_distribution_stand_in(name: str, table: Any, at: str) -> type[VectorDis
     return made
 
 
-def contents_of_parts(scene: "Parts") -> dict[str, str]:
-    """Return what the custom classes of a scene read, see `contents_of`."""
-    return contents_of({type(part): None for part in user_parts_of(scene)})
-
-
-def user_parts_of(scene: "Parts") -> Iterator[Any]:
-    """Yield the custom effects, observables, integrators and distributions of a scene."""
-    yield from (e for e in scene.effects if type(e) not in EFFECTS.values())
-    yield from filter(is_own, scene.observables)
-    yield from scene.integrators
-    yield from (
-        q
-        for q in scene.model.quantities()
-        if isinstance(q, VectorDistribution) and type(q) not in VECTOR_DISTRIBUTIONS
-    )
+def contents_of_parts(parts: Iterable[Any]) -> dict[str, str]:
+    """Return what the classes of the custom parts of a scene read, see `contents_of`."""
+    return contents_of(dict.fromkeys(map(type, parts)))
 
 
 def module_of(part: Any) -> dict[str, str]:

@@ -11,7 +11,6 @@ from rigidmc.scene.derivatives import (
     parameter_names_of_derivatives,
     parameters_of_run,
 )
-from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.measures import Measure, Variables, measure
 from rigidmc.studies.gradient.scores import (
@@ -33,7 +32,7 @@ class Asked(NamedTuple):
     @staticmethod
     def of(text: str, variables: Variables, scene: Scene, may_save_more: bool) -> "Asked":
         """Parse a measure; OptionError."""
-        found, recording = measure(text, variables, may_save_more), make_recording(scene)
+        found, recording = measure(text, variables, may_save_more), scene.recording
         name = found.result.name
         base, _, end = name.rpartition("_")
         if f"_{end}" in ENDS and base in recording.names:

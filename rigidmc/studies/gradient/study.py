@@ -59,7 +59,6 @@ from rigidmc.results.labels import count_text
 from rigidmc.results.variables import saved_variables, variables_of
 from rigidmc.scene.derivatives import derivative_name, quotient
 from rigidmc.scene.parameters import units_at
-from rigidmc.scene.recording import make_recording
 from rigidmc.scene.sampling import is_sample
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.intervals import Interval, resolution_of
@@ -151,7 +150,7 @@ def scene_with_derivatives(
     # the saves have the values at the end: nothing needs to monitor NAME_last
     texts = [re.sub(rf"\b({'|'.join(save)})_last\b", "", text) for text in options.of]
     scene = save_for_measures(scene, texts if save else options.of)
-    ending = saved_variables(scene.effects, make_recording(scene.with_run(keep="final")))
+    ending = saved_variables(scene.effects, scene.with_run(keep="final").recording)
     last = {name.replace(*ENDS): about for name, about in ending.items()}
     variables = {**variables_of(scene), **ending, **last}
     assert options.wrt is not None

@@ -18,7 +18,6 @@ from rigidmc.runs.assemble import make_program
 from rigidmc.runs.blocks import BlockJob, steps_of
 from rigidmc.runs.directory.tasks import Request, TaskArrays
 from rigidmc.runs.prepare import PreparedRun
-from rigidmc.scene.recording import make_recording
 from rigidmc.studies.lyapunov.tangents import COUNT, TANGENTS, TangentProgram, with_tangents
 
 Array = NDArray[np.float64]
@@ -39,7 +38,7 @@ def compute_members(
         raise OptionError(rule, at="device", value=device)
     size = request["size"]
     # the kernel needs the state at saves, but writes no values
-    plan = run.plan._replace(recording=make_recording(run.scene.with_run(save=())))
+    plan = run.plan._replace(recording=run.scene.with_run(save=()).recording)
     program, kept = make_program(plan, derivatives=TANGENTS), kept_saves(plan, request["keep"])
     assert program is not None
     done: dict[int, TaskArrays] = {}

@@ -58,7 +58,6 @@ from rigidmc.results.variables import saved_variables, variables_of
 from rigidmc.runs.directory import tasks as runs
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import refuse_count
-from rigidmc.scene.recording import make_recording
 from rigidmc.scene.sampling import refuse_indexed
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.measures import save_for_measures
@@ -157,7 +156,7 @@ def make_setup(
 
 def _variables(scene: Scene) -> dict[str, Any]:
     """Return the variables that the measure may name."""
-    return {**variables_of(scene), **saved_variables(scene.effects, make_recording(scene))}
+    return {**variables_of(scene), **saved_variables(scene.effects, scene.recording)}
 
 
 def compute_levels(

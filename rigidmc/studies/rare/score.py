@@ -14,7 +14,6 @@ from rigidmc.physics.observables.protocol import Event
 from rigidmc.physics.observables.saving import roles_of
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.segments import SegmentedRun
-from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.measures import Result, measure, save_for_measures
 
@@ -100,7 +99,7 @@ def make_score(scene: Scene, of: str) -> tuple[Scene, Score]:
     asked = measure(of, variables_of(scene))
     if asked.kind != "p" or asked.given is not None or asked.relation == "==":
         raise OptionError(f"is not an event: give it {WHOLE}", at="of", value=of)
-    recorded = make_recording(scene)
+    recorded = scene.recording
     watched = [(label, one) for label, one in recorded.monitored if isinstance(one, Event)]
     at_times = set(recorded.names)
     keeps = tuple(name for name in scene.run.save if name not in at_times)
@@ -142,7 +141,7 @@ def _until(scene: Scene, of: str, end: float) -> Scene:
 
 def _refuse_unwatched(scene: Scene, of: str, name: str) -> None:
     """Raise OptionError for a quantity that is not monitored at every step."""
-    known = [word for label, one in make_recording(scene).monitored for word in outputs(label, one)]
+    known = [word for label, one in scene.recording.monitored for word in outputs(label, one)]
     if name not in known:
         rule = f"is not monitored at every step; monitored: {', '.join(known) or 'nothing'}"
         raise OptionError(rule, at="of", value=of)

@@ -46,7 +46,6 @@ from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.planning.steps import MOST_STEPS
 from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count
-from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.estimates import of_the_state
 from rigidmc.studies.framework.members import Batches, Members
@@ -122,7 +121,7 @@ def batch_of(saves: int) -> int:
 
 def _saving(scene: Scene, *more: str, **settings: Any) -> Scene:
     """Return the scene that saves the state, `more`, and its own variables at save times."""
-    names = (name for name in scene.run.save if name in make_recording(scene).recorded)
+    names = (name for name in scene.run.save if name in scene.recording.recorded)
     save = tuple(dict.fromkeys((*STATE, "energy", *more, *names)))  # curves of one energy
     wider: Scene = scene.with_run(save=save, keep="full", **settings)
     return wider
@@ -135,9 +134,7 @@ def reduce(batches: Batches, options: SectionOptions) -> xr.Dataset:
     crossing = None if period_of(scene, at) else crossing_of(scene, at, way)
     wider = _saving(scene, *((crossing.of.name,) if crossing else ()))
     observed = {
-        name: one
-        for name, one in make_recording(wider).recorded.items()
-        if of_the_state(scene, name)
+        name: one for name, one in wider.recording.recorded.items() if of_the_state(scene, name)
     }
     for part in batches.results:
         flagged += int((part.status != 0).sum())

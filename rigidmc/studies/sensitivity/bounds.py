@@ -24,7 +24,6 @@ from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.scene.derivatives import derivative_name, parameter_names_of_derivatives
 from rigidmc.scene.distributions import Distribution, Truncated
 from rigidmc.scene.parameters import value_at
-from rigidmc.scene.recording import make_recording
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.measures import Measure
 
@@ -68,7 +67,7 @@ def poincare_constant(law: Any) -> float:
 def with_derivatives(scene: Scene, measures: Sequence[Measure]) -> Scene:
     """Return the scene that also differentiates its members by their uncertain parameters;
     OptionError for a measure without derivatives."""
-    able = make_recording(scene).differentiable
+    able = scene.recording.differentiable
     for one in measures:
         smooth = one.result.name in able and not one.result.timed  # times of events jump
         if one.kind != "mean" or one.given is not None or not smooth:

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 import rigidmc as rm
 from rigidmc.errors import SceneError
 from rigidmc.physics.observables.directions import direction_in_body, make_direction
-from rigidmc.scene.recording import make_recording
 
 ECCENTRICITY, ANOMALY, ANGLE = 0.3, 0.4, math.radians(60.0)
 ORBIT = rm.GravityGradient(3.986e14, 1.2e7, ECCENTRICITY, ANOMALY)
@@ -177,13 +176,8 @@ def test_a_field_must_be_there_and_be_one():
 def test_two_passages_are_saved_by_their_labels():
     two = rm.Passage(1, 0.5), rm.Passage(2, 0.5)
     scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), observables=two)
-    both = [
-        label
-        for label, _ in make_recording(scene.with_run(save=("passage", "passage_2"))).monitored
-    ]
+    both = [label for label, _ in scene.with_run(save=("passage", "passage_2")).recording.monitored]
     assert both == ["passage", "passage_2"]
-    assert [
-        label for label, _ in make_recording(scene.with_run(save=("passage_2",))).monitored
-    ] == both
+    assert [label for label, _ in scene.with_run(save=("passage_2",)).recording.monitored] == both
     with pytest.raises(rm.SceneError, match="no such observable"):
         scene.with_run(save=("passage_3",))

@@ -20,7 +20,6 @@ from rigidmc.physics.observables import outputs
 from rigidmc.planning import plan as plan_module
 from rigidmc.planning.steps import rate_bounds
 from rigidmc.planning.tolerance import choose
-from rigidmc.scene.recording import make_recording
 from tests.tools.plans import closed_form, plan_of, starts
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
@@ -340,7 +339,7 @@ def test_observables_stay_in_scene_files():
     )
     again = rm.Scene.loads(scene.dumps())
     assert again.observables == scene.observables and again.run == scene.run
-    names = [name for label, one in make_recording(again).monitored for name in outputs(label, one)]
+    names = [name for label, one in again.recording.monitored for name in outputs(label, one)]
     assert [n for n in names if "passage" in n] == [
         "passages", "passage_first", "passage_last", "passages_2", "passage_first_2",
         "passage_last_2",

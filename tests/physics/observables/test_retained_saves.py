@@ -13,7 +13,6 @@ from rigidmc.files.netcdf import read
 from rigidmc.runs import resources
 from rigidmc.runs.directory import gather, resume
 from rigidmc.runs.directory.create import create
-from rigidmc.scene.recording import make_recording
 from tests.runs.test_resume import SCENE as OTHER
 from tests.tools.commands import invoke
 
@@ -71,7 +70,7 @@ def test_flagged_members_are_kept_in_full(full, tmp_path, keep):
 
 def test_a_summary_is_over_the_steps():
     scene = SCENE.with_run(save=("omega", "l2_drift"), keep="summary")
-    assert make_recording(scene).retained == {"omega": "summary", "l2_drift": "final"}
+    assert scene.recording.retained == {"omega": "summary", "l2_drift": "final"}
     ds = rm.simulate(scene, every=0.05)
     every = rm.simulate(scene, keep="full", every=0.05)
     good = every.status.values == 0
