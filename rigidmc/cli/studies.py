@@ -98,8 +98,8 @@ OF_FILES: dict[str, Any] = {
 
 def command_of(study: "Study") -> Callable[..., None]:
     """Return the function of the command of a study, with options as typer reads them."""
-    from rigidmc.studies.framework.direct import Direct
     from rigidmc.studies.framework.options import options_of
+    from rigidmc.studies.framework.work import Direct
 
     pictured, is_direct = options_of(study.picture_options), isinstance(study.work, Direct)
 

@@ -10,7 +10,7 @@ Reading order: `framework` (the record is in `framework/study`); `ftle`, the sho
 `gradient` (members with derivatives), `stability_map` (parameters against measures), `rare`,
 `multilevel` and `lyapunov` (tasks, by `framework/tasks`), `propagate` (derivatives of one member
 beside an ensemble), `accuracy`, `stress` (integrators against truths) and `linearise` (steady
-motions), which `framework/direct` computes in one call. Four files are verbs, not studies: `until`
+motions), which `framework/work` computes in one call. Four files are verbs, not studies: `until`
 (grow an ensemble until a measure is known), `totals` (keep only sums over the members),
 `closed_form` (compare one top with its formula), `bits` (compare CPUs and GPUs).
 

@@ -14,7 +14,6 @@ from typer.main import get_command
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.studies import STUDIES, load_study
-from rigidmc.studies.framework.direct import Direct
 from rigidmc.studies.framework.members import Members
 from rigidmc.studies.framework.options import (
     REQUIRED,
@@ -27,6 +26,7 @@ from rigidmc.studies.framework.options import (
     options_of,
 )
 from rigidmc.studies.framework.tasks import Tasks
+from rigidmc.studies.framework.work import Direct
 from tests.studies.examples import command_words, function_of, words_of
 from tests.tools.axes import faults
 from tests.tools.commands import invoke

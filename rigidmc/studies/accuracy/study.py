@@ -48,9 +48,9 @@ from rigidmc.processes.progress import say
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.accuracy.drift import long_drift, long_table
 from rigidmc.studies.accuracy.work_precision import ladder_table, work_precision
-from rigidmc.studies.framework.direct import Direct
 from rigidmc.studies.framework.options import Example, Names, Numbers, Options, Time, option
 from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.work import Direct
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 FEW = 64  # members of a long drift

@@ -3,10 +3,10 @@
 Some studies draw members in families, by a design of `rigidmc.scene.sampling`.
 """
 
-import math
 import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -32,23 +32,23 @@ from rigidmc.runs.price import price
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.drifts import one_way
 from rigidmc.scene.sampling import FamilyDesign
-from rigidmc.scene.save_times import settled
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.statistics.measures import Variables, save_for_measures
-from rigidmc.studies.framework.options import keywords_of
 from rigidmc.studies.framework.variables import describe
+from rigidmc.studies.framework.work import Work
 
 
 def compute_batches(
     scene: Scene,
-    size: int,
+    batch: int | Callable[[int], int],
     threads: int | None,
     progress: Progress,
     reduce: Callable[[xr.Dataset], object] = lambda part: None,
     device: str | None = None,
 ) -> Iterator[xr.Dataset]:
-    """Yield the results of the members of a scene, `size` at a time; give notes once.
+    """Yield the results of the members of a scene, `batch` at a time; give notes once.
 
+    batch : a number, or a function of the number of saves
     progress : a function of (members done, all); or True for the cost of the study and a bar
     reduce : the evaluation of a result, for its cost
     """
@@ -57,6 +57,7 @@ def compute_batches(
         scene = scene.with_run(strata=first + count)  # of all members, not of a batch
     with announce(progress):
         run = prepare_scene(first_and_last(scene))
+        size = _size(batch, run.layout.axes.times.size)
         for note in (*run.notes, *([run.choice.short] if run.choice else [])):
             if note:
                 warn(note)
@@ -84,14 +85,6 @@ def split_result(result: xr.Dataset, size: int) -> Iterator[xr.Dataset]:
         yield result.isel(member=slice(low, low + size))
 
 
-def saves_of(scene: Scene) -> int:
-    """Return the number of saves of a run of a scene, to within two."""
-    run, every = scene.run, settled(scene.run.every)
-    if isinstance(every, tuple):
-        return len(every) + 2
-    return math.ceil(run.t_end / (every or run.dt)) + 1
-
-
 class Batches(NamedTuple):
     """The members of a study as results, in batches; the argument of `reduce`.
 
@@ -112,10 +105,11 @@ class Batches(NamedTuple):
         return variables_of(self.scene) if self.stored is None else self.stored.data_vars
 
 
-class Members(NamedTuple):
+@dataclass(frozen=True)
+class Members(Work):
     """The work of a study that evaluates the members of one scene.
 
-    scene : (scene with the settings, options, settings) -> the scene with the members of
+    design : (scene with the settings, options, settings) -> the scene with the members of
         the study; raises for a scene that cannot be studied
     reduce : (batches, options) -> the Dataset
     batch : number of members computed at once, or a function of their number of saves
@@ -124,35 +118,21 @@ class Members(NamedTuple):
     check : (scene, result, options), raises for other results that cannot be studied
     """
 
-    scene: Callable[[Scene, Any, Mapping[str, Any]], Scene]
+    design: Callable[[Scene, Any, Mapping[str, Any]], Scene]
     reduce: Callable[[Batches, Any], xr.Dataset]
     batch: int | Callable[[int], int]
     points: str = ""
     needs: tuple[str, ...] = ()
     check: Callable[[Scene, xr.Dataset, Any], None] = lambda scene, result, options: None
-
-    @property
-    def sources(self) -> str:
-        """Argument of its command."""
-        return "SCENE|FILE|RUN/"
-
-    @property
-    def keywords(self) -> dict[str, tuple[str, str]]:
-        """{keyword of its function: (type, text)}."""
-        return keywords_of("members")
-
-    def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Scene:
-        """Return the scene with the members of the study."""
-        return self.scene(scene, options, settings)
+    sources = "SCENE|FILE|RUN/"
 
     def compute(
         self, scene: Scene, options: Any, threads: int | None, device: str | None,
         progress: Progress,
     ) -> xr.Dataset:  # fmt: skip
-        """Compute the members of a scene made by `scene`, and the study of them."""
-        size = self.batch if isinstance(self.batch, int) else self.batch(saves_of(scene))
+        """Compute the members of a scene made by `design`, and the study of them."""
         priced = self.priced(scene, options, threads)
-        results = compute_batches(scene, size, threads, progress, priced, device)
+        results = compute_batches(scene, self.batch, threads, progress, priced, device)
         return describe(self.reduce(Batches(scene, results, None, threads), options), scene)
 
     def priced(
@@ -191,10 +171,7 @@ class Members(NamedTuple):
     def stored(
         self, name: str, result: xr.Dataset, options: Any, threads: int | None, allow_code: bool
     ) -> xr.Dataset:
-        """Return the study of a result; OptionError if it cannot be studied.
-
-        name : of the study
-        """
+        """Return the study of a result; OptionError if it cannot be studied."""
         scene = scene_of(result, allow_code=allow_code)
         if self.points and scene.run.points != self.points:
             rule = f'a study of {name} needs members drawn with [run] points = "{self.points}"'
@@ -205,10 +182,13 @@ class Members(NamedTuple):
                 rule = f"the result has no {word}; `rigidmc run SCENE --save {save}`"
                 raise OptionError(rule, at="run.save", value=list(scene.run.save))
         self.check(scene, result, options)
-        saves = result.sizes.get("time", 1)
-        size = self.batch if isinstance(self.batch, int) else self.batch(saves)
+        size = _size(self.batch, result.sizes.get("time", 1))
         batches = Batches(scene, split_result(result, size), result, threads)
         return describe(self.reduce(batches, options), scene)
+
+
+def _size(batch: int | Callable[[int], int], saves: int) -> int:
+    return batch if isinstance(batch, int) else batch(saves)
 
 
 Array = NDArray[np.float64]

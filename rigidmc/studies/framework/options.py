@@ -190,22 +190,6 @@ class NoOptions(Options):
     """A study without options."""
 
 
-def keywords_of(counted: str) -> dict[str, tuple[str, str]]:
-    """Return {keyword: (type, text)} for the function of a study.
-
-    counted : unit of progress, "members" or "tasks"
-    """
-    return {
-        "threads": ("int", "as in `simulate`; the result does not depend on it, to the bit"),
-        "device": ("str", "CPU or GPU that computes the members, as in `simulate`"),
-        "progress": (
-            "bool or callable",
-            "True to report the cost of the study before the first step, and show a bar; or a"
-            f" function of ({counted} done, all)",
-        ),
-    }
-
-
 class Example(NamedTuple):
     """A study that takes a second, for the tests over all studies.
 

@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import xarray as xr
 
@@ -14,7 +14,6 @@ from rigidmc.planning.check import check_parts
 from rigidmc.planning.saves import settle_saves
 from rigidmc.scene.scene import Scene, as_scene
 from rigidmc.scene.settings import Run, no_such_keyword
-from rigidmc.studies.framework.direct import Direct
 from rigidmc.studies.framework.options import (
     Example,
     NoOptions,
@@ -24,40 +23,13 @@ from rigidmc.studies.framework.options import (
     parameter,
 )
 from rigidmc.studies.framework.variables import StudyVariable, returned
+from rigidmc.studies.framework.work import Direct, Work
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 KEYWORDS = "threads", "device", "progress"  # keywords of the function, if its work has them
-
-
-class StudyWork(Protocol):
-    """The computation of a study: `Members`, `Tasks`, `Direct`, or a custom one.
-
-    sources : argument of its command
-    keywords : {keyword of its function: (type, text)}
-    """
-
-    @property
-    def sources(self) -> str: ...
-
-    @property
-    def keywords(self) -> dict[str, tuple[str, str]]: ...
-
-    def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Any:
-        """Return the argument of `compute` for a scene with its settings; raises for a scene that
-        cannot be studied."""
-
-    def compute(
-        self, design: Any, options: Any, threads: int | None, device: str | None, progress: Any, /
-    ) -> xr.Dataset:
-        """Compute the study now."""
-
-    def stored(
-        self, name: str, result: Any, options: Any, threads: int | None, allow_code: bool
-    ) -> xr.Dataset:
-        """Return the study of a stored result."""
 
 
 class OutputFile(NamedTuple):
@@ -98,7 +70,7 @@ class Study:
     name: str
     text: str
     options: type[Options]
-    work: StudyWork
+    work: Work
     table: Callable[[xr.Dataset], list[Any]]
     picture: str
     example: Example

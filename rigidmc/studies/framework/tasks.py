@@ -4,7 +4,8 @@ loses no finished task."""
 import random
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -36,16 +37,17 @@ from rigidmc.runs.price import cost_per_step
 from rigidmc.runs.resources import movers
 from rigidmc.scene.scene import Scene
 from rigidmc.studies import STUDIES, load_study
-from rigidmc.studies.framework.options import keywords_of
 from rigidmc.studies.framework.variables import describe
+from rigidmc.studies.framework.work import Work
 
 Design = tuple[Scene, dict[str, Any]]  # scene and request, common to all tasks of a study
 
 
-class Tasks(NamedTuple):
+@dataclass(frozen=True)
+class Tasks(Work):
     """The work of a study that consists of tasks; each task is a shard of its run directory.
 
-    start : (scene with the settings, options, settings) -> (scene of the tasks, request: their
+    design : (scene with the settings, options, settings) -> (scene of the tasks, request: their
         options as numbers and words); raises for a scene that cannot be studied
     next : (prepared run of the scene of the tasks, request, {number: result} of the finished tasks)
         -> numbers of the next tasks, [] at the end; at the beginning no task is finished
@@ -59,7 +61,7 @@ class Tasks(NamedTuple):
     doubts : Dataset -> warnings after the last task
     """
 
-    start: Callable[[Scene, Any, Mapping[str, Any]], Design]
+    design: Callable[[Scene, Any, Mapping[str, Any]], Design]
     next: Callable[[PreparedRun, Request, dict[int, TaskArrays]], Sequence[int]]
     compute_some: Callable[[PreparedRun, Request, Sequence[int], int, str | None], list[TaskArrays]]
     cost: Callable[[PreparedRun, Request, Sequence[int]], float]
@@ -69,19 +71,8 @@ class Tasks(NamedTuple):
     notes: Callable[[PreparedRun], Sequence[str]] = lambda run: ()
     doubts: Callable[[xr.Dataset], Sequence[str]] = lambda dataset: ()
 
-    @property
-    def sources(self) -> str:
-        """Argument of its command."""
-        return "SCENE|RUN/"
-
-    @property
-    def keywords(self) -> dict[str, tuple[str, str]]:
-        """{keyword of its function: (type, text)}."""
-        return keywords_of("tasks")
-
-    def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> Design:
-        """Return the scene of the tasks and their request."""
-        return self.start(scene, options, settings)
+    sources = "SCENE|RUN/"
+    counted = "tasks"
 
     def compute(
         self, design: Design, options: Any, threads: int | None, device: str | None,
@@ -102,10 +93,7 @@ class Tasks(NamedTuple):
     def stored(
         self, name: str, path: Path, options: Any, threads: int | None, allow_code: bool
     ) -> xr.Dataset:
-        """Return the study of the finished tasks of a run directory; FileError.
-
-        name : of the study
-        """
+        """Return the study of the finished tasks of a run directory; FileError."""
         scene, request, done = load_tasks(path, name, allow_code)
         return describe(self.reduce(prepare_scene(scene), request, done, options), scene)
 

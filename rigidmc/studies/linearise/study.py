@@ -61,11 +61,11 @@ from rigidmc.processes.progress import say
 from rigidmc.results.labels import column_head, count_text, value_text
 from rigidmc.scene.parameters import unit_at, with_parameter
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.framework.direct import Direct
 from rigidmc.studies.framework.members import refuse_noise
 from rigidmc.studies.framework.options import Example, Options, option
 from rigidmc.studies.framework.sides import SIDE, Side, whole_side
 from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.work import Direct
 from rigidmc.studies.linearise.branches import Bifurcation, follow
 from rigidmc.studies.linearise.motions import Motion, Problem
 from rigidmc.studies.linearise.stability import MOTION

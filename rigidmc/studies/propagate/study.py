@@ -65,10 +65,10 @@ from rigidmc.scene.parameters import END, units_at, value_at
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.estimates import rows_in_time
 from rigidmc.statistics.intervals import ULPS, resolution_of
-from rigidmc.studies.framework.direct import Direct
 from rigidmc.studies.framework.members import TUNING, refuse_noise, start_numbers
 from rigidmc.studies.framework.options import Example, Names, Numbers, Options, option
 from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.work import Direct
 from rigidmc.studies.propagate.covariance import (
     at_means,
     checked_covariance,

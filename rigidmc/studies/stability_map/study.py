@@ -40,9 +40,10 @@ from rigidmc.files.outputs import Path
 from rigidmc.results.labels import count_text
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.framework.options import Example, Options, Words, keywords_of, option
+from rigidmc.studies.framework.options import Example, Options, Words, option
 from rigidmc.studies.framework.sides import SIDE, Side
 from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.work import Work
 from rigidmc.studies.stability_map.compute import MapRun, prepare_map, replicas_of, run_map
 from rigidmc.studies.stability_map.question import (
     MOST_LAYERS,
@@ -150,7 +151,7 @@ class MapOptions(Options):
     )
 
 
-class Maps:
+class Maps(Work):
     """The work of a map: the members of one scene, sorted into pixels."""
 
     sources = "NAME|SCENE|FILE|MAP/"
@@ -159,7 +160,7 @@ class Maps:
     def keywords(self) -> dict[str, tuple[str, str]]:
         """{keyword of its function: (type, text)}."""
         told = "bool or callable", "True for a bar, or a function of (members done, all)"
-        return {**keywords_of("members"), "progress": told}
+        return {**super().keywords, "progress": told}
 
     def design(self, scene: Scene, options: Any, settings: Mapping[str, Any]) -> MapRun:
         """Prepare the map, before its first step."""
