@@ -14,17 +14,16 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rigidmc.errors import FileError, SceneError, nearest
+from rigidmc.errors import FileError
 from rigidmc.mechanics import rotation
 from rigidmc.scene.body_files.rigid_parts import (
     UNMOVED,
     Array,
+    Fixed,
     FoundBody,
     Pose,
     RigidPart,
-    first_names,
-    impossible_notes,
-    lump,
+    Tree,
 )
 from rigidmc.scene.body_files.xml_tree import numbers_of
 
@@ -42,13 +41,15 @@ class _Angles(NamedTuple):
 
 
 class _Body(NamedTuple):
-    """A <body> in the tree: its parent, and its pose in the frame of the parent."""
+    """A <body> in the tree, and its pose in the frame of the parent.
 
-    name: str
+    moves : relative to its parent, as all bodies in the world, whose parent is ""
+    """
+
     element: Element
     pose: Pose
-    parent: int  # index; -1 for the world
-    moves: bool  # relative to its parent
+    parent: str
+    moves: bool
 
 
 def read_mjcf(root: Element, name: str | None, file: str) -> FoundBody:
@@ -63,23 +64,15 @@ def read_mjcf(root: Element, name: str | None, file: str) -> FoundBody:
             named = f" ({found.get('file')})" if found.get("file") else ""
             rule = f"adds to the model{named}, and is not followed: give that file, or {_COMPILED}"
             raise FileError(rule, at=f"<{tag}>", file=file)
-    bodies = _tree(root, angles, file)
+    bodies = _bodies(root, angles, file)
     if not bodies:
         raise FileError("has no <body>", at="worldbody", file=file)
-    if name is None:
-        index = _only_body(bodies, file)
-    else:
-        names = [one.name for one in bodies]
-        if name not in names:
-            rule = f"no such body; known: {first_names(names)}"
-            close = nearest(name, names)
-            raise SceneError(rule, at="body.link", value=name, nearest=close, file=file)
-        index = names.index(name)
-    parts, members = _welded(bodies, index, angles, file)
-    if not parts:
-        rule = "this body, with all that is welded to it, has no mass"
-        raise SceneError(rule, at="body.link", value=bodies[index].name, file=file)
-    return FoundBody(lump(parts), _notes(bodies, index, members))
+    joints = {k: Fixed("", one.parent, one.pose) for k, one in bodies.items() if not one.moves}
+    words = ("body", "bodies", "welded", "welded to it")
+    none = (f"none of them has <inertial>: {_COMPILED}", "no mass")
+    tree = Tree(*words, *none, True, list(bodies), joints, file)
+    heavy = (k for k, one in bodies.items() if one.element.find("inertial") is not None)
+    return tree.find(name, heavy, lambda k: _inertial(bodies[k].element, k, angles, file))
 
 
 def _compiler(root: Element, file: str) -> _Angles:
@@ -107,23 +100,21 @@ def _compiler(root: Element, file: str) -> _Angles:
     return _Angles(np.pi / 180.0 if unit == "degree" else 1.0, sequence)
 
 
-def _tree(root: Element, angles: _Angles, file: str) -> list[_Body]:
-    """Return all bodies, parents first; FileError for a name used twice."""
-    bodies, names = list[_Body](), set[str]()
-    waiting = [(one, UNMOVED, -1) for one in root.findall("worldbody")]
+def _bodies(root: Element, angles: _Angles, file: str) -> dict[str, _Body]:
+    """Return all bodies by name, parents first; FileError for a name used twice."""
+    bodies = dict[str, _Body]()
+    waiting = [(one, "") for one in root.findall("worldbody")]
     while waiting:
-        element, pose, parent = waiting.pop()
-        for one in _through_frames(element, pose, angles, file):
-            name = one[0].get("name") or f"body {len(bodies) + 1}, without name"
-            if name in names:
+        element, parent = waiting.pop()
+        for inner, frame in _through_frames(element, UNMOVED, angles, file):
+            name = inner.get("name") or f"body {len(bodies) + 1}, without name"
+            if name in bodies:
                 raise FileError("expected a name of its own", at="body", value=name, file=file)
-            names.add(name)
-            inside = _pose(one[0], f"body {name}", angles, file)
-            moves = one[0].get("mocap") == "true" or any(
-                inner.tag in ("joint", "freejoint") for inner in _inside(one[0])
-            )
-            bodies.append(_Body(name, one[0], one[1].of(inside), parent, moves))
-            waiting.append((one[0], UNMOVED, len(bodies) - 1))
+            pose = frame.of(_pose(inner, f"body {name}", angles, file))
+            joints = any(one.tag in ("joint", "freejoint") for one in _inside(inner))
+            moves = not parent or inner.get("mocap") == "true" or joints
+            bodies[name] = _Body(inner, pose, parent, moves)
+            waiting.append((inner, name))
     return bodies
 
 
@@ -215,11 +206,11 @@ def _euler(values: Array, sequence: str) -> Array:
     return turn
 
 
-def _inertial(body: _Body, angles: _Angles, file: str) -> RigidPart | None:
+def _inertial(body: Element, name: str, angles: _Angles, file: str) -> RigidPart | None:
     """Return the <inertial> of a body in its frame; None for a body without geoms and mass."""
-    inertial, at = body.element.find("inertial"), f"body {body.name}, inertial"
+    inertial, at = body.find("inertial"), f"body {name}, inertial"
     if inertial is None:
-        if any(one.tag == "geom" for one in _inside(body.element)):
+        if any(one.tag == "geom" for one in _inside(body)):
             rule = f"is missing, and MuJoCo computes it from the geoms: {_COMPILED}"
             raise FileError(rule, at=at, file=file)
         return None
@@ -241,54 +232,3 @@ def _inertial(body: _Body, angles: _Angles, file: str) -> RigidPart | None:
         tensor = np.diag(np.array(diagonal))
     part = RigidPart(mass[0], np.zeros(3), tensor)
     return part.placed(_pose(inertial, at, angles, file))
-
-
-def _only_body(bodies: list[_Body], file: str) -> int:
-    """Return the one body that has an <inertial>, or to which all others are welded; SceneError."""
-    heads = list[int]()
-    for index, one in enumerate(bodies):
-        welded = one.parent >= 0 and not one.moves
-        heads.append(heads[one.parent] if welded else index)
-    heavy = sorted(
-        {
-            head
-            for head, one in zip(heads, bodies, strict=True)
-            if one.element.find("inertial") is not None
-        }
-    )
-    if len(heavy) == 1:
-        return heavy[0]
-    names = first_names([bodies[index].name for index in heavy])
-    words = f"choose one of {names}" if heavy else f"none of them has <inertial>: {_COMPILED}"
-    raise SceneError(f"there are {len(bodies):,} bodies: {words}", at="body.link", file=file)
-
-
-def _welded(
-    bodies: list[_Body], index: int, angles: _Angles, file: str
-) -> tuple[list[RigidPart], dict[str, RigidPart]]:
-    """Return the parts of a body and of all that is welded to it in its frame, and {name: part}."""
-    poses = {index: UNMOVED}
-    parts, own = list[RigidPart](), dict[str, RigidPart]()
-    for k, body in enumerate(bodies):  # parents come first
-        if k != index and (body.parent not in poses or body.moves):
-            continue
-        if k != index:
-            poses[k] = poses[body.parent].of(body.pose)
-        part = _inertial(body, angles, file)
-        if part is not None:
-            parts.append(part.placed(poses[k]))
-            own[body.name] = part
-    return parts, own
-
-
-def _notes(bodies: list[_Body], index: int, members: dict[str, RigidPart]) -> tuple[str, ...]:
-    """Return the notes on a body: what is lumped, what is left out, and what cannot exist."""
-    notes, one = list[str](), bodies[index]
-    if others := [name for name in members if name != one.name]:
-        notes.append(f"body {one.name}: includes {first_names(others)}, welded to it")
-    if one.parent >= 0 and not one.moves:
-        parent = bodies[one.parent].name
-        notes.append(
-            f'body {one.name} is welded to {parent}, which is left out: link = "{parent}" has both'
-        )
-    return (*notes, *impossible_notes(members, "body"))

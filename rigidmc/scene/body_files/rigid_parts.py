@@ -8,12 +8,13 @@ frame has, TdC (3.26),
 with J about its centre of mass and I about the origin.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.errors import FileError, SceneError, nearest
 from rigidmc.mechanics import inertia
 from rigidmc.mechanics.impossible import causes_text
 
@@ -76,6 +77,107 @@ def lump(parts: Iterable[RigidPart]) -> RigidPart:
         np.zeros((3, 3)),
     )
     return RigidPart(mass, centre, tensor)
+
+
+class Fixed(NamedTuple):
+    """How a link or body is fixed to another: the name of the joint, the other one, the pose
+    there."""
+
+    joint: str
+    parent: str
+    pose: Pose
+
+
+class Tree(NamedTuple):
+    """The links or bodies of a file, in the words of its format.
+
+    kind, plural, fixed : "link", "links" and "fixed";  how : "by fixed joints"
+    none, massless : what a message says if none, or the one asked for, has mass
+    names : of all;  joints : of those fixed to another
+    is_ordered : whether masses are summed in the order of `names`, else from the one asked for
+        outwards: sums round differently
+    """
+
+    kind: str
+    plural: str
+    fixed: str
+    how: str
+    none: str
+    massless: str
+    is_ordered: bool
+    names: Sequence[str]
+    joints: Mapping[str, Fixed]
+    file: str
+
+    def find(
+        self, name: str | None, heavy: Iterable[str], part_of: Callable[[str], RigidPart | None]
+    ) -> FoundBody:
+        """Return one link or body with all that is fixed to it.
+
+        name : None if all with mass are fixed to each other, or one alone has mass
+        heavy : those with mass;  part_of : function that returns the part in its own frame
+        """
+        at, kind, heads = "body.link", self.kind, self._heads()
+        name = self._only(heads[one] for one in heavy) if name is None else name
+        if name not in self.names:
+            rule = f"no such {kind}; known: {first_names(self.names)}"
+            close = nearest(name, self.names)
+            raise SceneError(rule, at=at, value=name, nearest=close, file=self.file)
+        poses = self._attached(name)
+        order = [one for one in self.names if one in poses] if self.is_ordered else poses
+        parts = {one: part for one in order if (part := part_of(one)) is not None}
+        if not parts:
+            rule = f"this {kind}, with all that is {self.fixed} to it, has {self.massless}"
+            raise SceneError(rule, at=at, value=name, file=self.file)
+        notes = list[str]()
+        if others := [one for one in parts if one != name]:
+            notes.append(f"{kind} {name}: includes {first_names(others)}, {self.how}")
+        if name in self.joints:
+            parent = self.joints[name].parent
+            notes.append(
+                f"{kind} {name} is {self.fixed} to {parent}, which is left out:"
+                f' link = "{parent}" has both'
+            )
+        placed = [part.placed(poses[one]) for one, part in parts.items()]
+        return FoundBody(lump(placed), (*notes, *impossible_notes(parts, kind)))
+
+    def _heads(self) -> dict[str, str]:
+        """Return for each the free one that it is fixed to, directly or through others; FileError
+        for a cycle. Each joint is followed once, however long the chains are."""
+        heads: dict[str, str] = {}
+        for name in self.names:
+            path, end = dict[str, str](), name
+            while end in self.joints and end not in heads and end not in path:
+                path[end] = self.joints[end].joint
+                end = self.joints[end].parent
+            if end in path:
+                joints = list(path.values())[list(path).index(end) :]
+                rule = f"form a cycle: {first_names(joints)}"
+                raise FileError(rule, at="fixed joints", file=self.file)
+            heads |= dict.fromkeys(path, heads.get(end, end))
+            heads.setdefault(name, name)
+        return heads
+
+    def _only(self, heavy: Iterable[str]) -> str:
+        """Return the one that has mass, itself or by what is fixed to it; SceneError."""
+        found = list(dict.fromkeys(heavy))
+        if len(found) == 1:
+            return found[0]
+        words = f"choose one of {first_names(found)}" if found else self.none
+        rule = f"there are {len(self.names):,} {self.plural}: {words}"
+        raise SceneError(rule, at="body.link", file=self.file)
+
+    def _attached(self, name: str) -> dict[str, Pose]:
+        """Return the poses of a link or body and of all that is fixed to it, in its frame."""
+        children: dict[str, list[str]] = {}
+        for child, (_, parent, _) in self.joints.items():
+            children.setdefault(parent, []).append(child)
+        poses, waiting = {name: UNMOVED}, [name]
+        for one in waiting:  # grows meanwhile
+            for child in children.get(one, ()):
+                poses[child] = poses[one].of(self.joints[child].pose)
+                waiting.append(child)
+        return poses
 
 
 def impossible_notes(parts: Mapping[str, RigidPart], kind: str) -> list[str]:
