@@ -12,7 +12,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.machine import threads_available
 from rigidmc.physics.effects import Gravity
 from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, scheme_of
-from rigidmc.planning.limits import Limits
+from rigidmc.planning.scheme import Limits
 
 MEMBERS, STEPS, H = 65536, 1000, 0.01
 FREE, HEAVY = (), (Gravity(tops.GRAVITY),)

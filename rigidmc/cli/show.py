@@ -75,7 +75,7 @@ def warm_command(
     allow_code: AllowCode = False,
 ) -> None:
     with report_errors():
-        from rigidmc.runs import precompile
+        from rigidmc.runs.simulate import precompile
         from rigidmc.scene.library import shipped_names
 
         loaded = [
@@ -84,7 +84,7 @@ def warm_command(
         width = max(len(name) for name, _ in loaded)
         for name, scene in loaded:
             with in_file(name):
-                programs = precompile.precompile(scene, all_integrators)
+                programs = precompile(scene, all_integrators)
             new = [one.integrator for one in programs if one.compiled and not one.skipped]
             seconds = sum(one.seconds for one in programs if not one.skipped)
             print(

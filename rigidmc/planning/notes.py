@@ -21,16 +21,22 @@ from rigidmc.physics.effects.pivot import MovingPivot
 from rigidmc.physics.effects.protocol import blank, facts, from_numbers, shape
 from rigidmc.physics.observables import KNOWN, label_observables, word_of_observable
 from rigidmc.physics.observables.protocol import is_attitude, is_body_vector
-from rigidmc.planning.body_notes import (
+from rigidmc.planning.model_notes import (
+    CURE,
+    FEW,
+    angle_notes,
     far_centre,
+    idle_effects,
     impossible_bodies,
     is_mapped,
+    is_shipped,
+    kink_notes,
+    motionless,
+    quaternion_notes,
     undetermined_axes,
     unlike_matter,
 )
-from rigidmc.planning.effect_notes import idle_effects, is_shipped, kink_notes
 from rigidmc.planning.plan import Plan
-from rigidmc.planning.start_notes import CURE, FEW, angle_notes, motionless, quaternion_notes
 from rigidmc.planning.units import UnitScale
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import draw

@@ -29,9 +29,8 @@ from rigidmc.planning.initial import (
     initial_block_of,
     work_flags,
 )
-from rigidmc.planning.limits import SPUN_UP, Limits, make_limits
 from rigidmc.planning.monitors import Monitors, places_of
-from rigidmc.planning.scheme import largest_rates, make_scheme
+from rigidmc.planning.scheme import SPUN_UP, Limits, largest_rates, make_limits, make_scheme
 from rigidmc.planning.steps import (
     TimeGrid,
     count_member_steps,

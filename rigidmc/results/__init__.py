@@ -6,8 +6,8 @@ result contains the text of its scene, so that every member can be rerun.
 
 Reading order: `variables` (single variables), `layout` (all variables of a run), `frames` (from the
 axes of a result to its principal axes), `lazy` (functions of dask arrays), `sinks` (where blocks of
-members go: memory), `file_sinks` (files), `writer` (a netCDF file, block by block), `export` (other
-formats), `reader` (checks a file against its scene), `labels` (counts and numbers as text).
+members go: memory), `writer` (a netCDF file, block by block), `export` (files of any format),
+`reader` (checks a file against its scene), `labels` (counts and numbers as text).
 
 Names, units and meanings of variables must never change, because results of earlier versions stay
 readable.

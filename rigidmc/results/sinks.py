@@ -1,4 +1,4 @@
-"""Sinks collect the results of finished blocks: here in memory, in `rigidmc.results.file_sinks` in
+"""Sinks collect the results of finished blocks: here in memory, in `rigidmc.results.writer` in
 files."""
 
 from collections.abc import Iterable, Mapping

@@ -5,12 +5,11 @@ resolved. `prepared.run(...)` integrates members and returns a Dataset; `simulat
 
 Reading order: `simulate`, `prepare`, `settled` (what is settled before the first step), `members`
 (which members a run has), `assemble` (the result layout and program of a plan), `blocks` (members
-built at their start, moved by the engine on
-threads, handed to a sink), `resources` (threads, memory and disk), `price` (the cost of a run,
-measured on its first members), `precompile` (compile ahead), `rerun` (recompute members of a
-result, to the same bits), `frames` (recompute one for an animation), `end_of_run` (derivatives by
-the end of a run), `segments` (move members one part of the run at a time, for studies that branch
-them), and the subpackage `directory` for runs of hours.
+built at their start, moved by the engine on threads, handed to a sink; derivatives by the end of a
+run), `resources` (threads, memory and disk), `price` (the cost of a run, measured on its first
+members), `rerun` (recompute members of a result, to the same bits), `frames` (recompute one for an
+animation), `segments` (move members one part of the run at a time, for studies that branch them),
+and the subpackage `directory` for runs of hours.
 
 Invariant: a member's bits depend only on scene, seed and index, not on threads, device, blocks or
 other members.

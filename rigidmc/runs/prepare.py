@@ -260,9 +260,9 @@ class PreparedRun(SettledRun):
         attrs = {**(self.choice.attributes() if self.choice else {}), **attrs}
         if output is None:
             return MemorySink(layout, members, attrs, blank=self.blanks.of(layout, members))
-        from rigidmc.results import file_sinks  # with xarray and netCDF4
+        from rigidmc.results import export  # with xarray and netCDF4
 
-        kind = file_sinks.FileSink if _is_streamed(output) else file_sinks.ExportSink
+        kind = export.FileSink if _is_streamed(output) else export.ExportSink
         return kind(output, layout, members, force, attrs)
 
 

@@ -11,7 +11,7 @@ from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.program import Program
 from rigidmc.planning.initial import InitialMembers, Source, Start
 from rigidmc.planning.plan import Plan
-from rigidmc.planning.tolerance.choice import Choice
+from rigidmc.planning.tolerance.costs import Choice
 from rigidmc.planning.units import UnitScale
 from rigidmc.processes.progress import Progress
 from rigidmc.results.layout import ResultLayout, Selection

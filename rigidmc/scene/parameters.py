@@ -39,7 +39,7 @@ from rigidmc.scene.units import START
 from rigidmc.scene.vector_distributions.attitudes import Fisher, Pointing
 from rigidmc.scene.vector_distributions.protocol import EquilibriumEnsemble, VectorDistribution
 
-END = "run.t_end"  # enters no member at its start, see `rigidmc.runs.end_of_run`
+END = "run.t_end"  # enters no member at its start, see `rigidmc.runs.blocks`
 
 
 def parameters_of(model: Model) -> Parameters:

@@ -24,10 +24,11 @@ Brookmeyer & Crowley, Biometrics 38 (1982) 29, and their middle of the range whe
 
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 from scipy import special
 
@@ -36,8 +37,26 @@ from rigidmc.files.reading import toml
 from rigidmc.physics.observables.saving import CENSORED, FOLLOWED, LAG
 from rigidmc.scene.toml.read import scene_text
 from rigidmc.statistics import intervals
-from rigidmc.statistics.columns import Columns
 from rigidmc.statistics.intervals import WHOLE, Estimate
+
+
+class Column(NamedTuple):
+    """A variable of a block of members: values (n,) or (3, n), and attributes.
+
+    It has what measures use of a variable of a Dataset. To make a Dataset of each block would cost
+    more than the sums over its members.
+    """
+
+    values: NDArray[Any]
+    attrs: Mapping[str, Any]
+
+    def sel(self, axis: int) -> "Column":
+        """Return component 1, 2 or 3 of a vector."""
+        return Column(self.values[axis - 1], self.attrs)
+
+
+Columns = xr.Dataset | Mapping[str, Column]
+
 
 Array = NDArray[np.float64]
 SAME = 1.0 + 1e-9  # ratio up to which two times count as equal

@@ -15,8 +15,7 @@ from rigidmc.physics.observables.saving import FOLLOWED, is_event_time, owners_o
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.units import in_si
 from rigidmc.statistics import censored, intervals
-from rigidmc.statistics.censored import RELATIONS
-from rigidmc.statistics.columns import Columns
+from rigidmc.statistics.censored import RELATIONS, Columns
 from rigidmc.statistics.intervals import Estimate, Interval
 
 _NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"

@@ -28,7 +28,7 @@ from rigidmc.runs.resources import block_of
 from rigidmc.runs.settled import Machine
 from rigidmc.runs.simulate import prepare
 from rigidmc.scene.scene import Scene, takes_scene
-from rigidmc.statistics.columns import Column, Columns
+from rigidmc.statistics.censored import Column, Columns
 from rigidmc.statistics.estimates import why_no_interval
 from rigidmc.statistics.intervals import Estimate, half_of_mean, probability
 from rigidmc.statistics.measures import Measure, measure, save_for_measures

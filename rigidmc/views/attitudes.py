@@ -15,7 +15,7 @@ from rigidmc.mechanics.euler_angles import (
     distance_from_lock,
 )
 from rigidmc.mechanics.rotation import euler
-from rigidmc.planning.turns import ATTITUDE, sparse
+from rigidmc.planning.saves import ATTITUDE, sparse
 from rigidmc.results.lazy import apply_lazily
 
 Floats = NDArray[np.float64]

@@ -274,7 +274,7 @@ class ResultAxes:
         >>> turns[-1].values.round(1).tolist()
         [25.9, 24.4, 24.9, 25.3]
         """
-        from rigidmc.planning.turns import sparse
+        from rigidmc.planning.saves import sparse
         from rigidmc.views.sample import angle_rates
 
         ds = self._whole()

@@ -23,7 +23,7 @@ from rigidmc.mechanics.lagrange_top import (
 from rigidmc.mechanics.rotation import to_space
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.closed_form import NONE, ClosedMotion
-from rigidmc.planning.turns import Drive, turning_rates
+from rigidmc.planning.saves import Drive, turning_rates
 from rigidmc.results.labels import in_symbols, with_units
 from rigidmc.views.figures import (
     GREY,

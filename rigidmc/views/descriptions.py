@@ -21,10 +21,10 @@ from rigidmc.physics.effects.protocol import user_parameters
 from rigidmc.physics.integrators.protocol import has_extra_state
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.physics.observables.protocol import EnsembleObservable
-from rigidmc.planning.body_notes import body_notes
-from rigidmc.planning.limits import Limits
+from rigidmc.planning.model_notes import body_notes
 from rigidmc.planning.plan import Plan
-from rigidmc.planning.turns import sparse_saves
+from rigidmc.planning.saves import sparse_saves
+from rigidmc.planning.scheme import Limits
 from rigidmc.results.labels import count_text, units_text, with_units
 from rigidmc.runs.assemble import derivatives_on, make_program
 from rigidmc.runs.directory.shards import shard_members, shorten_shards

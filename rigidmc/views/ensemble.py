@@ -18,7 +18,7 @@ from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 from rigidmc.physics.observables import OBSERVABLES
-from rigidmc.planning.turns import AXIS, BODY
+from rigidmc.planning.saves import AXIS, BODY
 from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.results.labels import axis_label, count_text, in_symbols, with_units
 from rigidmc.views.figures import (

@@ -13,8 +13,8 @@ from rigidmc.errors import OptionError
 from rigidmc.mechanics.lagrange_steady import least_spin
 from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.planning.initial import make_pilot
+from rigidmc.planning.saves import turning_at_start
 from rigidmc.planning.scheme import largest_rates
-from rigidmc.planning.turns import turning_at_start
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene

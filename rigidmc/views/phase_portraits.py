@@ -13,7 +13,7 @@ from rigidmc.mechanics.lagrange_top import analyse_lagrange_top
 from rigidmc.mechanics.rotation import to_body, to_space
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.closed_form import ClosedMotion
-from rigidmc.planning.turns import ATTITUDE, AXIS, BODY
+from rigidmc.planning.saves import ATTITUDE, AXIS, BODY
 from rigidmc.results.frames import in_principal_axes, principal
 from rigidmc.results.labels import in_symbols, with_units
 from rigidmc.views.attitudes import saved_attitude

@@ -2,7 +2,7 @@
 
 A sample has evenly spaced times and members and no flagged members, so that a picture of a million
 members takes seconds. `note_on` warns if saves are too far apart for a picture to show the motion,
-by the rule in `rigidmc.planning.turns`.
+by the rule in `rigidmc.planning.saves`.
 """
 
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.errors import RigidmcError
 from rigidmc.mechanics.rotation import euler
 from rigidmc.physics.effects import label_effects
-from rigidmc.planning.turns import ATTITUDE, AXIS, BODY, Drive, Sparse, drive, sparse, turning_rates
+from rigidmc.planning.saves import ATTITUDE, AXIS, BODY, Drive, Sparse, drive, sparse, turning_rates
 from rigidmc.results.frames import described, in_principal_axes, principal
 from rigidmc.results.labels import count_text, in_symbols, value_text
 from rigidmc.scene.scene import scene_of
@@ -157,7 +157,7 @@ def member_paths(ds: xr.Dataset, kind: str) -> tuple[list[MemberPath], str]:
     animation, up to the time that DENSE[1] points can show. A member that cannot be recomputed, as
     without its scene or with custom code, is drawn through its saves.
 
-    kind : quantity in the picture, from `rigidmc.planning.turns`; for BODY the attitude may be
+    kind : quantity in the picture, from `rigidmc.planning.saves`; for BODY the attitude may be
         missing, and is nan
     """
     good, paths, notes = good_members(ds), [], []
@@ -260,7 +260,7 @@ def note_on(part: xr.Dataset, kind: str) -> str:
     """Return a warning for a picture that joins the points of a `thin_result` by lines; "" if they
     show the motion.
 
-    kind : quantity in the picture, from `rigidmc.planning.turns`
+    kind : quantity in the picture, from `rigidmc.planning.saves`
     """
     if part.sizes.get("time", 1) < 3:
         return ""

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.lagrange_top import analyse_lagrange_top
 from rigidmc.mechanics.rotation import to_space
-from rigidmc.planning.turns import ATTITUDE, AXIS
+from rigidmc.planning.saves import ATTITUDE, AXIS
 from rigidmc.results.labels import axis_label, with_units
 from rigidmc.views.attitudes import euler_of, saved_attitude
 from rigidmc.views.caps import cap_points, draw_cap, draw_on_cap, narrow_cap

@@ -18,7 +18,7 @@ from rigidmc.engine import compile_time, machine
 from rigidmc.engine.compile_time import list_kernels, seconds, summary
 from rigidmc.engine.machine import this_machine
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.runs import precompile as warm
+from rigidmc.runs import simulate as warm
 from rigidmc.runs.directory import folder as run_directory
 from rigidmc.runs.directory.facts import facts_text
 from rigidmc.scene.sampling import drawn_through

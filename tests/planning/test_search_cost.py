@@ -12,7 +12,7 @@ import rigidmc as rm
 from rigidmc.errors import SceneError
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import facts, is_random
-from rigidmc.planning.tolerance import choose, deviation, effort, pilot
+from rigidmc.planning.tolerance import choose, deviation, pilot, search
 
 TURN = 2.0 * math.pi / 2.2  # of a body that starts with about 2.2 rad/s
 
@@ -41,7 +41,7 @@ class Found:
             run = scene.run.members * way.mean_steps * cost
         if self.choice is None:  # the run that half of which the search may cost
             run = max([one.limit / 0.8 for one in counters if math.isfinite(one.limit)], default=0)
-        self.ratio = spent / max(run, effort.FREE)
+        self.ratio = spent / max(run, search.FREE)
 
     def error(self, members=8):
         """Return the achieved error relative to the tolerance of members beyond the pilots, by

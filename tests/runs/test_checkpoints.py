@@ -12,8 +12,7 @@ import pytest
 import rigidmc as rm
 from rigidmc.engine import program
 from rigidmc.runs.directory import checkpoints, resume, shards
-from rigidmc.runs.directory.checkpoint_file import read_checkpoint, write_checkpoint
-from rigidmc.runs.directory.checkpoints import Checkpoints
+from rigidmc.runs.directory.checkpoints import Checkpoints, read_checkpoint, write_checkpoint
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.directory.shards import ShardSink

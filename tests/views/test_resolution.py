@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.planning.turns import (
+from rigidmc.planning.saves import (
     ATTITUDE,
     AXIS,
     BODY,

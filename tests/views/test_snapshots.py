@@ -5,7 +5,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.mechanics.rotation import to_space
-from rigidmc.planning.turns import MOST
+from rigidmc.planning.saves import MOST
 from rigidmc.views import snapshots
 from rigidmc.views.ensemble import summary
 from rigidmc.views.snapshots import COUNT, body_place, flight

@@ -17,7 +17,7 @@ from rigidmc.physics.dynamics.so3 import dot, multiply, vertical
 from rigidmc.physics.effects import Gravity, ViscousDamping
 from rigidmc.physics.effects.sums import total_energy, total_energy_scale
 from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, integrators_for, scheme_of
-from rigidmc.planning.limits import Limits
+from rigidmc.planning.scheme import Limits
 from tests.tools.kernels import make_block, run
 from tests.tools.reference import attitude_error
 

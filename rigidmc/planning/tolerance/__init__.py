@@ -4,9 +4,8 @@ A few hundred members, the pilot, are integrated by several candidates: an integ
 and a step. Each candidate has an error, measured against a reference, and a cost, measured on this
 machine.
 
-Reading order: `pilot` (the members that every candidate integrates), `effort` (how many of them,
-and how far), `truth` (the reference: a closed form, or the agreement of two integrators),
-`deviation` (errors of a candidate), `costs` (costs of its steps), `ladder` (the candidates to try),
-`choose` (the cheapest candidate that keeps the tolerance), `choice` (its description), `ahead`
-(kernels compiled in a second process).
+Reading order: `pilot` (the members that every candidate integrates), `search` (how many of them,
+and how far; kernels compiled ahead), `truth` (the reference: a closed form, or the agreement of two
+integrators), `deviation` (errors of a candidate), `costs` (a candidate, costs of its steps, and the
+choice), `ladder` (the candidates to try), `choose` (the cheapest one that keeps the tolerance).
 """

@@ -15,11 +15,8 @@ from rigidmc.physics.effects import name_of
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.planning.check import check_scene
 from rigidmc.planning.steps import Array
-from rigidmc.planning.tolerance.ahead import compile_ahead
-from rigidmc.planning.tolerance.choice import Choice
-from rigidmc.planning.tolerance.costs import Candidate, Costs
+from rigidmc.planning.tolerance.costs import Candidate, Choice, Costs
 from rigidmc.planning.tolerance.deviation import errors, measure_growth, upper_quantile
-from rigidmc.planning.tolerance.effort import AGREEMENT, growth_power, plan_search
 from rigidmc.planning.tolerance.ladder import LADDERS, candidates, ladder, measure_candidate
 from rigidmc.planning.tolerance.pilot import (
     ROUNDING,
@@ -29,6 +26,7 @@ from rigidmc.planning.tolerance.pilot import (
     part_of,
     pilot,
 )
+from rigidmc.planning.tolerance.search import AGREEMENT, compile_ahead, growth_power, plan_search
 from rigidmc.planning.tolerance.truth import (
     AGREED,
     Reference,

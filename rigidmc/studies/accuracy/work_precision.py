@@ -14,12 +14,12 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError, unknown
 from rigidmc.inputs.amounts import read_count, two_digits
 from rigidmc.physics.integrators import refusal
-from rigidmc.planning.tolerance.ahead import compile_ahead
 from rigidmc.planning.tolerance.choose import check_pilot, check_quiet
 from rigidmc.planning.tolerance.costs import Candidate, Costs
 from rigidmc.planning.tolerance.deviation import QUANTITIES, measure_growth, upper_quantile
 from rigidmc.planning.tolerance.ladder import candidates, ladder
 from rigidmc.planning.tolerance.pilot import ROUNDING, Pilot, pilot
+from rigidmc.planning.tolerance.search import compile_ahead
 from rigidmc.planning.tolerance.truth import Reference, make_reference
 from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count

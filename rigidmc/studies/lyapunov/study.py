@@ -53,8 +53,8 @@ from numpy.typing import NDArray
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.planning.initial import make_pilot
+from rigidmc.planning.saves import longest_interval
 from rigidmc.planning.scheme import largest_rates
-from rigidmc.planning.turns import longest_interval
 from rigidmc.results.labels import column_head, count_text, value_text
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.directory.tasks import Request, TaskArrays

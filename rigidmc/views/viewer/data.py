@@ -18,7 +18,7 @@ from rigidmc.physics.dynamics.body_axes import body_axes
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
 from rigidmc.physics.effects.protocol import Effect
-from rigidmc.planning.turns import ATTITUDE, BODY, sparse
+from rigidmc.planning.saves import ATTITUDE, BODY, sparse
 from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.results.labels import count_text, long_label, units_text
 from rigidmc.runs.frames import integrate_member
