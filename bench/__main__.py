@@ -7,38 +7,13 @@ import sys
 import tempfile
 import time
 
-# name -> module with run(quick) -> rows and report(rows); imported on demand, after the environment
-# below is set
-BENCHES = {
-    "throughput": "bench.throughput",
-    "startup": "bench.startup",
-    "calls": "bench.calls",
-    "accuracy": "bench.accuracy",
-    "bits": "bench.bits",
-    "memory": "bench.memory",
-    "checks": "bench.checks",
-    "effects": "bench.effects",
-    "sets": "bench.sets",
-    "watching": "bench.watching",
-    "axes": "bench.axes",
-    "bath": "bench.bath",
-    "rare": "bench.rare",
-    "exact": "bench.exact",
-    "tolerance": "bench.tolerance",
-    "maps": "bench.maps",
-    "runs": "bench.runs",
-    "workers": "bench.workers",
-    "reading": "bench.reading",
-    "billion": "bench.billion",
-    "orders": "bench.orders",
-    "derivatives": "bench.derivatives",
-    "peers": "bench.peers",
-    "loop": "bench.loop",
-    "coming_from": "bench.coming_from",
-    "coverage": "bench.coverage",
-    "gpu": "bench.gpu",
-    "device": "bench.device",
-}
+# modules with run(quick) -> rows and report(rows); imported on demand, after the environment below
+# is set
+BENCHES = (
+    "throughput", "startup", "calls", "accuracy", "bits", "memory", "checks", "effects", "sets",
+    "watching", "axes", "bath", "rare", "exact", "tolerance", "maps", "runs", "workers", "reading",
+    "billion", "orders", "derivatives", "peers", "loop", "coming_from", "coverage", "gpu", "device",
+)  # fmt: skip
 HERE = os.path.dirname(os.path.abspath(__file__))
 
 
@@ -78,7 +53,7 @@ def main():
         print(harness.card_text(harness.machine_card()))
         for name in options.names or BENCHES:
             began = time.perf_counter()
-            bench = importlib.import_module(BENCHES[name])
+            bench = importlib.import_module(f"bench.{name}")
             print(f"\n== {name}")
             more = {"python": options.python} if name == "coming_from" else {}
             rows = bench.run(options.quick, **more)

@@ -8,7 +8,8 @@ import math
 import numpy as np
 
 import rigidmc
-from bench import harness, tops
+from bench import harness
+from bench.problems import tops
 from rigidmc.physics.effects import Gravity
 from rigidmc.planning.tolerance.costs import Costs
 from rigidmc.planning.tolerance.pilot import pilot
@@ -35,12 +36,9 @@ def run(quick):
     for body, effects in EFFECTS.items():
         study = accuracy(scene(effects), tolerances=TARGETS, members=128 if quick else MEMBERS)
         rows.append(
-            {
-                "kind": "truth",
-                "body": body,
-                "truth": study.attrs["truth"],
-                "error": study.attrs["truth_error"],
-            }
+            harness.row(
+                "truth", body=body, truth=study.attrs["truth"], error=study.attrs["truth_error"]
+            )
         )
         names = ("integrator", "dtype", "dt", "steps", "turn", "error_state_median",
             "error_state_upper", "error_state_worst",
@@ -97,13 +95,13 @@ def arithmetic():
         steps = members.base * 4096  # one part, one panel
         ns = min(Costs(members).step(name, steps, "float64") for _ in range(5))
         rows.append(
-            {
-                "kind": "step",
-                "integrator": name,
-                "ns": ns,
-                "flops": counts["flops"] * counts["parts"],
-                "slots": counts["slots"],
-            }
+            harness.row(
+                "step",
+                integrator=name,
+                ns=ns,
+                flops=counts["flops"] * counts["parts"],
+                slots=counts["slots"],
+            )
         )
     base = rows[0]
     for row in rows:
@@ -115,12 +113,8 @@ def arithmetic():
     off = max(abs(r["cost"] / r["by_slots"] - 1.0) for r in rows)
     far = max(rows, key=lambda r: abs(r["cost"] / r["by_slots"] - 1.0))["integrator"]
     rows.append(
-        harness.target(
-            f"cost of a step against its arithmetic, worst ({far})",
-            15.0,
-            100.0 * off,
-            "%",
-            at_most=True,
+        harness.at_most(
+            f"cost of a step against its arithmetic, worst ({far})", 15.0, 100.0 * off, "%"
         )
     )
     return rows
@@ -134,41 +128,21 @@ def _plain(value):
 
 def report(rows):
     """Print the results."""
-    for r in rows:
-        if r["kind"] == "truth":
-            print(f"{r['body']}: reference {r['truth']}, known to {r['error']:.1e}")
-    columns = ("", "", "error", "integrator", "step", "members/s", "")
-    lines = [
-        (
-            r["body"],
-            "",
-            f"{r['limit']:.0e}",
-            r["integrator"],
-            step_text(r),
-            f"{r['members_per_second']:,.0f}",
-            "best" if r["best"] else "",
-        )
-        for r in rows
-        if r["kind"] == "choice"
-    ]
-    harness.table(
-        f"cost of accuracy, 99 % of {MEMBERS} random tops to t = {T_END:g} s", columns, lines
+    for r in harness.of_kind(rows, "truth"):
+        print(f"{r['body']}: reference {r['truth']}, known to {r['error']:.1e}")
+    harness.show(
+        f"cost of accuracy, 99 % of {MEMBERS} random tops to t = {T_END:g} s",
+        harness.of_kind(rows, "choice"),
+        " {body} | | error {limit:.0e} | integrator {integrator} | step {step}"
+        " | members/s {members_per_second:,.0f} | {first}",
+        step=step_text, first=lambda r: "best" if r["best"] else "",
+    )  # fmt: skip
+    harness.show(
+        "cost of a step on one thread",
+        harness.of_kind(rows, "step"),
+        "heavy tops {integrator} | ns a step {ns:.1f} | of rk4 {cost:.2f}"
+        " | by arithmetic {by_slots:.2f} | by flops {by_flops:.2f} | flops {flops:.0f} |",
     )
-    lines = [
-        (
-            r["integrator"],
-            f"{r['ns']:.1f}",
-            f"{r['cost']:.2f}",
-            f"{r['by_slots']:.2f}",
-            f"{r['by_flops']:.2f}",
-            f"{r['flops']:.0f}",
-            "",
-        )
-        for r in rows
-        if r["kind"] == "step"
-    ]
-    names = ("heavy tops", "ns a step", "of rk4", "by arithmetic", "by flops", "flops", "")
-    harness.table("cost of a step on one thread", names, lines)
     harness.report_targets(rows)
 
 

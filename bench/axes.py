@@ -66,6 +66,6 @@ def run(quick):
 
 def report(rows):
     """Print the table."""
-    columns = "", "of a", "principal axes [ns]", "other axes add [ns]"
-    lines = [(r["what"], r["of"], f"{r['plain_ns']:.1f}", f"{r['turned_ns']:.1f}") for r in rows]
-    harness.table("a member-step with its save or monitor, one thread", columns, lines)
+    times = "principal axes [ns] {plain_ns:.1f} | other axes add [ns] {turned_ns:.1f}"
+    columns = f" {{what}} | of a {{of}} | {times}"
+    harness.show("a member-step with its save or monitor, one thread", rows, columns)

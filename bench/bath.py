@@ -71,12 +71,12 @@ def costs(rounds):
 
     harness.interleaved({name: candidate(e) for name, e in COSTS.items()}, rounds, cpu)
     for name in COSTS:
-        yield {
-            "kind": "cost",
-            "what": name,
-            "ns": 1e9 * statistics.median(cpu[name]) / (COST_MEMBERS * COST_STEPS),
-            "ratio": statistics.median(a / b for a, b in zip(cpu[name], cpu[""], strict=True)),
-        }
+        yield harness.row(
+            "cost",
+            what=name,
+            ns=1e9 * statistics.median(cpu[name]) / (COST_MEMBERS * COST_STEPS),
+            ratio=statistics.median(a / b for a, b in zip(cpu[name], cpu[""], strict=True)),
+        )
 
 
 def run(quick):
@@ -93,26 +93,18 @@ def run(quick):
     return [
         *cost,
         *rows,
-        harness.target(
+        harness.at_most(
             f"moments from theory at dt = {STEPS[-1]:g}, worst ({worst['what']})",
             3.0,
             sigmas(worst),
             "standard errors",
-            at_most=True,
         ),
         harness.target(
             "order of the bias of <T>, from dt = 0.8 to 0.4 (standard error 0.06)",
             1.85,
             math.log2(bias[0.8] / bias[0.4]),
-            "",
         ),
-        harness.target(
-            "a step of strang in a bath, of one without",
-            1.6,
-            cost[-1]["ratio"],
-            "x",
-            at_most=True,
-        ),
+        harness.at_most("a step of strang in a bath, of one without", 1.6, cost[-1]["ratio"], "x"),
     ]
 
 
@@ -123,27 +115,21 @@ def sigmas(row):
 
 def report(rows):
     """Print the tables."""
-    moment_rows = [r for r in rows if r["kind"] == "moment"]
-    cells = [
-        (
-            r["what"],
-            f"{r['theory']:.6f}",
-            f"{r['mean']:.6f}",
-            f"{r['error']:.6f}",
-            f"{sigmas(r):.2f}",
-        )
-        for r in moment_rows
-        if r["dt"] == STEPS[-1]
-    ]
-    harness.table(
-        f"dt = {STEPS[-1]:g}", ["", "Gibbs", "mean", "standard error", "errors apart"], cells
+    moments = harness.of_kind(rows, "moment")
+    harness.show(
+        f"dt = {STEPS[-1]:g}",
+        [r for r in moments if r["dt"] == STEPS[-1]],
+        " {what} | Gibbs {theory:.6f} | mean {mean:.6f} | standard error {error:.6f}"
+        " | errors apart {off:.2f}",
+        off=sigmas,
     )
-    heat = [
-        (f"{r['dt']:g}", f"{r['mean'] / 1.5 - 1.0:+.5f}", f"{r['error'] / 1.5:.5f}")
-        for r in moment_rows
-        if r["what"] == "<T>/kT"
-    ]
-    harness.table("bias of <T>", ["dt", "of 3/2 kT", "standard error"], heat)
-    cost = [(r["what"], f"{r['ns']:.1f}", f"{r['ratio']:.2f}") for r in rows if r["kind"] == "cost"]
-    harness.table("a step of strang", ["effect besides gravity", "ns", "of one without"], cost)
+    harness.show(
+        "bias of <T>",
+        [r for r in moments if r["what"] == "<T>/kT"],
+        "dt {dt:g} | of 3/2 kT {bias:+.5f} | standard error {part:.5f}",
+        bias=lambda r: r["mean"] / 1.5 - 1.0,
+        part=lambda r: r["error"] / 1.5,
+    )
+    columns = "effect besides gravity {what} | ns {ns:.1f} | of one without {ratio:.2f}"
+    harness.show("a step of strang", harness.of_kind(rows, "cost"), columns)
     harness.report_targets(rows)

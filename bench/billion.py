@@ -90,20 +90,19 @@ def run(quick):
     return [
         *rows,
         harness.target("rate with totals, of the kernel's", 0.95, totals / kernel, "x", note=note),
-        harness.target("peak memory", 1.0, many, "GB", at_most=True),
-        harness.target("its growth for 4 times the members", 1.05, many / few, "x", at_most=True),
+        harness.at_most("peak memory", 1.0, many, "GB"),
+        harness.at_most("its growth for 4 times the members", 1.05, many / few, "x"),
     ]
 
 
 def report(rows):
     """Print what was measured."""
-    for row in rows:
-        if row["kind"] == "whole":
-            speed = row["members"] / row["seconds"]
-            print(
-                f"  {row['members']:13,d} members  {row['gigabytes']:.3f} GB  "
-                f"{row['seconds']:6.1f} s  {speed:9,.0f} members/s"
-            )
+    for row in harness.of_kind(rows, "whole"):
+        speed = row["members"] / row["seconds"]
+        print(
+            f"  {row['members']:13,d} members  {row['gigabytes']:.3f} GB  {row['seconds']:6.1f} s"
+            f"  {speed:9,.0f} members/s"
+        )
     harness.report_targets(rows)
 
 

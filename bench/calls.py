@@ -90,16 +90,12 @@ def run(quick):
     for what, asked in ASKED.items():
         some = [row for row in rows if row["what"] == what]
         worst = max(r["ms"] - ("steps" in what) * r["steps_ms"] for r in some)
-        rows.append(harness.target(what, asked, worst, "ms", at_most=True))
+        rows.append(harness.at_most(what, asked, worst, "ms"))
     return rows
 
 
 def report(rows):
     """Print the results."""
-    lines = [
-        (row["what"], row["scene"], f"{row['ms']:.2f}", f"{row['steps_ms']:.2f}")
-        for row in rows
-        if row["kind"] == "call"
-    ]
-    harness.table("least of 1,000 calls on one thread", ["", "scene", "ms", "in steps"], lines)
+    columns = " {what} | scene {scene} | ms {ms:.2f} | in steps {steps_ms:.2f}"
+    harness.show("least of 1,000 calls on one thread", harness.of_kind(rows, "call"), columns)
     harness.report_targets(rows)

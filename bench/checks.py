@@ -7,7 +7,8 @@ import math
 
 import numpy as np
 
-from bench import harness, tops
+from bench import harness
+from bench.problems import tops
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.machine import threads_available
 from rigidmc.physics.effects import Gravity
@@ -84,34 +85,30 @@ def run(quick):
             100.0 * (harness.ratio(s["with"], s["without"]) - 1.0) for s in (seconds, cpu)
         )
         rows.append(
-            {
-                "kind": "cost",
-                "what": what,
-                "wall_percent": wall,
-                "cpu_percent": busy,
-                "seconds": seconds,
-                "cpu_seconds": cpu,
-            }
+            harness.row(
+                "cost",
+                what=what,
+                wall_percent=wall,
+                cpu_percent=busy,
+                seconds=seconds,
+                cpu_seconds=cpu,
+            )
         )
     worst = max(rows, key=lambda row: row["cpu_percent"])
     return [
         *rows,
-        harness.target(
+        harness.at_most(
             f"cost of the status checks, worst ({worst['what']}), CPU seconds",
             2.0,
             worst["cpu_percent"],
             "%",
-            at_most=True,
         ),
     ]
 
 
 def report(rows):
     """Print the tables."""
-    cells = [
-        (r["what"], f"{r['cpu_percent']:+.2f} %", f"{r['wall_percent']:+.2f} %")
-        for r in rows
-        if r["kind"] == "cost"
-    ]
-    harness.table("health checks, with against without", ["tops", "CPU seconds", "wall"], cells)
+    columns = "tops {what} | CPU seconds {cpu_percent:+.2f} % | wall {wall_percent:+.2f} %"
+    costs = harness.of_kind(rows, "cost")
+    harness.show("health checks, with against without", costs, columns)
     harness.report_targets(rows)

@@ -219,23 +219,12 @@ def report(rows):
             print(f"{row['page']}: skipped: {row['why']}")
         if row["kind"] == "difference":
             print(f"{row['page']}, {row['task']}: ends differ by {row['difference']:.1e}")
-    harness.table(
+    harness.show(
         "the codes of docs/coming_from",
-        ("page", "task", "program", "s", "error", "first run", "from the cache", "import"),
-        [
-            (
-                row["page"],
-                row["task"],
-                row["program"],
-                f"{seconds_of(rows, row):.3g}",
-                "-" if row["error"] is None else f"{row['error']:.1e}",
-                f"{row['first']:.2f}",
-                "-" if row["cached"] is None else f"{row['cached']:.2f}",
-                f"{row['import']:.2f}",
-            )
-            for row in rows
-            if row["kind"] == "start"
-        ],
+        harness.of_kind(rows, "start"),
+        "page {page} | task {task} | program {program} | s {taken:.3g} | error {error:.1e}"
+        " | first run {first:.2f} | from the cache {cached:.2f} | import {import:.2f}",
+        taken=lambda row: seconds_of(rows, row),
     )
 
 

@@ -12,8 +12,9 @@ import numpy as np
 from scipy import stats
 
 import rigidmc as rm
-from bench import cantor, harness, multilevel
-from bench.rare_truths import SPREAD, bathed, passed, spun
+from bench import harness, multilevel
+from bench.problems import cantor
+from bench.problems.rare_truths import SPREAD, bathed, passed, spun
 from rigidmc.scene.sampling import Saltelli
 from rigidmc.statistics import censored, intervals
 from rigidmc.studies.sensitivity.study import indices
@@ -241,12 +242,11 @@ def run(quick):
         for (name, count), covered in zip(counts.items(), found, strict=True)
     ]
     return rows + [
-        harness.target(
+        harness.at_most(
             f"{row['what']}: farthest from 95 %",
             2.0,
             100.0 * max(abs(share - 0.95) for share in row["covered"]),
             "points",
-            at_most=True,
         )
         for row in rows
     ]
@@ -254,10 +254,10 @@ def run(quick):
 
 def report(rows):
     """Print the tables."""
-    cells = [
-        (r["what"], f"{r['studies']:,}", ", ".join(f"{100 * share:.1f}" for share in r["covered"]))
-        for r in rows
-        if r["kind"] == "coverage"
-    ]
-    harness.table("intervals of 95 %", ["intervals", "studies", "covered [%]"], cells)
+    harness.show(
+        "intervals of 95 %",
+        harness.of_kind(rows, "coverage"),
+        "intervals {what} | studies {studies:,} | covered [%] {shares}",
+        shares=lambda r: ", ".join(f"{100 * share:.1f}" for share in r["covered"]),
+    )
     harness.report_targets(rows)

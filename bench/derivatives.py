@@ -15,7 +15,8 @@ import tempfile
 import numpy as np
 
 import rigidmc
-from bench import calls, gpu, harness, peers, tops
+from bench import calls, gpu, harness, peers
+from bench.problems import tops
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import SaveTarget, StepRange
 from rigidmc.engine.machine import threads_available
@@ -110,7 +111,7 @@ def costs(name, kind, cases, rounds):
             "nanoseconds": 1e9 * min(seconds[0, 1]) / (MEMBERS * STEPS),
         })  # fmt: skip
         if asked:
-            found.append(harness.target(what, asked, ratio, "plain runs", at_most=True))
+            found.append(harness.at_most(what, asked, ratio, "plain runs"))
     return found
 
 
@@ -129,7 +130,7 @@ def errors(count):
                 here = run.d_momentum.values[j, -1, :, i]
                 worst = max(worst, np.abs(here - true).max() / np.abs(true).max())
         what = f"{name} {kind}, tangents over 10 s"
-        found.append(harness.target(what, asked, worst, "", at_most=True))
+        found.append(harness.at_most(what, asked, worst))
     return found
 
 
@@ -262,7 +263,7 @@ def first_runs():
         seconds = float(output.stdout)
         found.append({"kind": "first", "name": name.partition(",")[0], "seconds": seconds})
         if asked:
-            found.append(harness.target(name, asked, seconds, "s", at_most=True))
+            found.append(harness.at_most(name, asked, seconds, "s"))
     return found
 
 
@@ -297,21 +298,17 @@ def run(quick):
 
 def report(rows):
     """Print the results."""
-    lines = [[r["name"], f"{r['ratio']:.2f}"] for r in rows if r["kind"] == "cost"]
-    harness.table("time of a run with derivatives, in plain runs", ["run", "plain runs"], lines)
-    lines = [
-        [r["name"], f"{r['ms']:.2f}", f"{r['steps_ms']:.2f}"] for r in rows if r["kind"] == "call"
-    ]
-    what = f"one call of a prepared run, {calls.FEW} heavy tops on a thread"
-    harness.table(what, ["derivatives", "ms", "in steps"], lines)
-    lines = [[r["name"], f"{r['seconds']:.1f}"] for r in rows if r["kind"] == "first"]
-    harness.table("first run in a new process, empty cache", ["", "s"], lines)
-    head = "integrator", "derivatives", "registers", "local", *SPILLS
-    lines = [[r[word] for word in head] for r in rows if r["kind"] == "registers"]
-    harness.table("registers of a GPU thread, memory and spills [B]", list(head), lines)
-    lines = [
-        [r["name"], f"{r['milliseconds']:.1f}", r["setting"]] for r in rows if r["kind"] == "peer"
-    ]
-    what = "4,096 heavy tops to 10 s with derivatives by 7 starts, error 1e-9"
-    harness.table(what, ["program", "ms", "setting"], lines)
+    for kind, title, columns in (
+        ("cost", "time of a run with derivatives, in plain runs",
+         "run {name} | plain runs {ratio:.2f}"),
+        ("call", f"one call of a prepared run, {calls.FEW} heavy tops on a thread",
+         "derivatives {name} | ms {ms:.2f} | in steps {steps_ms:.2f}"),
+        ("first", "first run in a new process, empty cache", " {name} | s {seconds:.1f}"),
+        ("registers", "registers of a GPU thread, memory and spills [B]",
+         "integrator {integrator} | derivatives {derivatives} | registers {registers}"
+         " | local {local} | spills {spills} | spills in steps {spills in steps}"),
+        ("peer", "4,096 heavy tops to 10 s with derivatives by 7 starts, error 1e-9",
+         "program {name} | ms {milliseconds:.1f} | setting {setting}"),
+    ):  # fmt: skip
+        harness.show(title, harness.of_kind(rows, kind), columns)
     harness.report_targets(rows)

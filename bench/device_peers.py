@@ -12,7 +12,8 @@ import time
 import numpy as np
 
 import rigidmc as rm
-from bench import baselines, tops
+from bench import baselines
+from bench.problems import tops
 from rigidmc.physics.effects import Gravity
 
 MOMENTS = 1.0, 1.4, 2.0

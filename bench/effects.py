@@ -13,7 +13,8 @@ import sys
 
 import numpy as np
 
-from bench import harness, tops
+from bench import harness
+from bench.problems import tops
 from rigidmc.engine.inspection import step_operations, torque_operations
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import lanes_for
@@ -138,14 +139,9 @@ def run(quick):
         free, _, _, noise, predicted = prices(ready)
         cost = min(cost_per_step(ready) for _ in range(1 if quick else 5))
         rows.append(
-            {
-                "kind": "scene",
-                "what": name,
-                "free": free,
-                "noise": noise,
-                "predicted": predicted,
-                "measured": cost,
-            }
+            harness.row(
+                "scene", what=name, free=free, noise=noise, predicted=predicted, measured=cost
+            )
         )
     rows += noise_rows(3 if quick else 15)
     noise = {r["what"]: r["noisy"] / r["quiet"] for r in rows if r["kind"] == "noise"}
@@ -160,33 +156,25 @@ def run(quick):
     ]
     return [
         *rows,
-        harness.target(
+        harness.at_most(
             f"instructions that {len(EFFECTS) - 1} absent effects add",
             0,
             every[1] - one[1] if every[2] == one[2] else None,
-            "",
-            at_most=True,
         ),
-        harness.target(
-            "results with them and without, digits alike", 1, float(every[3] == one[3]), ""
-        ),
-        harness.target(
+        harness.target("results with them and without, digits alike", 1, float(every[3] == one[3])),
+        harness.at_most(
             f"time added against operations, worst ({worst['what']})",
             ASKED,
             against(worst, "slots"),
             "x",
-            at_most=True,
         ),
         harness.target(
             f"effects that add less than 0.5 ns or no more than {ASKED} of the instructions issued",
             sum(r["kind"] == "added" for r in rows),
             len(within),
-            "",
         ),
         *[
-            harness.target(
-                f"a noisy step of strang against the quiet one, {what}", 3.0, x, "x", at_most=True
-            )
+            harness.at_most(f"a noisy step of strang against the quiet one, {what}", 3.0, x, "x")
             for what, x in noise.items()
         ],
     ]
@@ -226,57 +214,34 @@ def against(row, what):
 
 def report(rows):
     """Print the tables."""
-    cells = [
-        (r["what"], f"{r['ns']:.2f}", f"{r['torque']}", f"{r['slots']:.0f}",
-        f"{against(r, 'slots'):.2f}", f"{r['issued']:.0f}", f"{against(r, 'issued'):.2f}")
-        for r in rows
-        if r["kind"] == "added"
-    ]  # fmt: skip
-    base = next(r for r in rows if r["kind"] == "added")
-    title = (
-        f"added to a step of rk4 with attitude ({base['base_ns']:.2f} ns of CPU time, "
-        f"{base['base_slots']} operations, {base['base_issued']:.0f} instructions)"
+    added = harness.of_kind(rows, "added")
+    harness.show(
+        "added to a step of rk4 with attitude ({base_ns:.2f} ns of CPU time, {base_slots}"
+        " operations, {base_issued:.0f} instructions)".format(**added[0]),
+        added,
+        "effect {what} | ns added {ns:.2f} | a torque {torque} | operations a step {slots:.0f}"
+        " | time against them {by_slots:.2f} | instructions {issued:.0f}"
+        " | time against them {by_issued:.2f}",
+        by_slots=lambda r: against(r, "slots"),
+        by_issued=lambda r: against(r, "issued"),
     )
-    columns = [
-        "effect",
-        "ns added",
-        "a torque",
-        "operations a step",
-        "time against them",
-        "instructions",
-        "time against them",
-    ]
-    harness.table(title, columns, cells)
-    absent = [
-        (f"{r['known']} effects known", r["instructions"], r["code"], r["result"])
-        for r in rows
-        if r["kind"] == "absent"
-    ]
-    harness.table(
+    harness.show(
         "a kernel with gravity alone",
-        ["", "instructions", "digest of them", "digest of the result"],
-        absent,
+        harness.of_kind(rows, "absent"),
+        " {known} effects known | instructions {instructions} | digest of them {code}"
+        " | digest of the result {result}",
     )
-    scenes = [
-        (
-            r["what"],
-            f"{r['free']:.2f}",
-            f"{r['predicted']:.2f}",
-            f"{r['measured']:.2f}",
-            f"{r['measured'] / r['predicted']:.2f}",
-        )
-        for r in rows
-        if r["kind"] == "scene"
-    ]
-    harness.table(
+    harness.show(
         "price of a step, ns",
-        ["scene", "without effects", "predicted", "measured", "ratio"],
-        scenes,
+        harness.of_kind(rows, "scene"),
+        "scene {what} | without effects {free:.2f} | predicted {predicted:.2f}"
+        " | measured {measured:.2f} | ratio {ratio:.2f}",
+        ratio=lambda r: r["measured"] / r["predicted"],
     )
-    noise = [
-        (r["what"], f"{r['quiet']:.2f}", f"{r['noisy']:.2f}", f"{r['noisy'] / r['quiet']:.2f}")
-        for r in rows
-        if r["kind"] == "noise"
-    ]
-    harness.table("a step of strang with gravity, ns", ["", "quiet", "in a bath", "ratio"], noise)
+    harness.show(
+        "a step of strang with gravity, ns",
+        harness.of_kind(rows, "noise"),
+        " {what} | quiet {quiet:.2f} | in a bath {noisy:.2f} | ratio {ratio:.2f}",
+        ratio=lambda r: r["noisy"] / r["quiet"],
+    )
     harness.report_targets(rows)

@@ -305,12 +305,12 @@ def elliptic_rows(count):
             )
             ours = np.abs(np.array(textbook.elliptic_functions(u, mc=mc)[:3]) - truth).max()
             rows.append(
-                {
-                    "kind": "elliptic",
-                    "mc": mc,
-                    "error": float(ours),
-                    "scipy": float(np.abs(np.array(ellipj(u, 1.0 - mc)[:3]) - truth).max()),
-                }
+                harness.row(
+                    "elliptic",
+                    mc=mc,
+                    error=float(ours),
+                    scipy=float(np.abs(np.array(ellipj(u, 1.0 - mc)[:3]) - truth).max()),
+                )
             )
     return rows
 
@@ -356,24 +356,18 @@ def run(quick):
         for what in ("momentum", "attitude"):
             worst = max(r[f"{what}_conditioned"] for r in of_form)
             rows.append(
-                harness.target(
+                harness.at_most(
                     f"{form}, {what} / (1 + conditioning)",
                     asked,
                     worst,
-                    "",
-                    at_most=True,
                     note=f"{total:,} evaluations",
                 )
             )
     worst = max(r["invariants"] for r in classes if r["form"] == "free top")
-    rows.append(harness.target("free top, |L|^2 and T", 2e-15, worst, "", at_most=True))
+    rows.append(harness.at_most("free top, |L|^2 and T", 2e-15, worst))
     rows.append(
-        harness.target(
-            "sn, cn, dn",
-            1e-14,
-            max(r["error"] for r in rows if r["kind"] == "elliptic"),
-            "",
-            at_most=True,
+        harness.at_most(
+            "sn, cn, dn", 1e-14, max(r["error"] for r in rows if r["kind"] == "elliptic")
         )
     )
     for row in [r for r in rows if r["kind"] == "speed"]:
@@ -392,52 +386,19 @@ def run(quick):
 
 def report(rows):
     """Print what was measured."""
-    lines = [
-        (
-            r["form"],
-            r["class"],
-            r["times"],
-            r["count"],
-            *(
-                f"{r[k]:.1e}"
-                for k in (
-                    "momentum",
-                    "attitude",
-                    "momentum_conditioned",
-                    "attitude_conditioned",
-                    "invariants",
-                )
-            ),
-        )
-        for r in rows
-        if r["kind"] == "class"
-    ]
-    columns = (
-        "",
-        "class",
-        "times",
-        "tops",
-        "momentum",
-        "attitude",
-        "momentum/(1+c)",
-        "attitude/(1+c)",
-        "invariants",
+    harness.show(
+        "worst errors against 50 digits; c is the conditioning",
+        harness.of_kind(rows, "class"),
+        " {form} | class {class} | times {times} | tops {count} | momentum {momentum:.1e}"
+        " | attitude {attitude:.1e} | momentum/(1+c) {momentum_conditioned:.1e}"
+        " | attitude/(1+c) {attitude_conditioned:.1e} | invariants {invariants:.1e}",
     )
-    harness.table("worst errors against 50 digits; c is the conditioning", columns, lines)
-    lines = [
-        (f"{r['mc']:.0e}", f"{r['error']:.1e}", f"{r['scipy']:.1e}")
-        for r in rows
-        if r["kind"] == "elliptic"
-    ]
-    harness.table(
+    harness.show(
         "worst error of sn, cn, dn, 0 < u < 4 K",
-        ("1 - m", "rigidmc", "scipy.special.ellipj"),
-        lines,
+        harness.of_kind(rows, "elliptic"),
+        "1 - m {mc:.0e} | rigidmc {error:.1e} | scipy.special.ellipj {scipy:.1e}",
     )
-    for row in rows:
-        if row["kind"] == "first call":
-            print(
-                f"first call of {row['form']}, compiling into an empty cache: "
-                f"{row['seconds']:.1f} s"
-            )
+    for row in harness.of_kind(rows, "first call"):
+        what = f"first call of {row['form']}, compiling into an empty cache"
+        print(f"{what}: {row['seconds']:.1f} s")
     harness.report_targets(rows)

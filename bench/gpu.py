@@ -155,57 +155,38 @@ def run(quick):
                     rows.append(inspected(what, name, scene, watched, capability))
     plain = [row for row in rows if row["integrator"] in NO_SPILL and not row["watched"]]
     few = [row for row in plain if row["acting"] in ("nothing", "gravity", "custom effect")]
-    targets = [
-        harness.target(
-            "kernels with an approximate instruction", 0,
-            sum(row["approximate"] > 0 or row["modes"] != [".rn"] for row in rows), at_most=True,
-        ),
-    ]  # fmt: skip
+    inexact = sum(row["approximate"] > 0 or row["modes"] != [".rn"] for row in rows)
+    targets = [harness.at_most("kernels with an approximate instruction", 0, inexact)]
     if tool("ptxas"):
-        targets += [
-            harness.target(
-                "kernels of rk4, rk8, strang, exact that spill: free, heavy, with a custom effect",
-                0, sum(row["spills"] > 0 for row in few), at_most=True,
-            ),
-            harness.target(
-                "kernels that spill in their steps, all effects at once apart", 0,
-                sum(r["spills in steps"] > 0 for r in rows if r["acting"] != "all effects"),
-                at_most=True,
-            ),
-        ]  # fmt: skip
+        what = "kernels of rk4, rk8, strang, exact that spill: free, heavy, with a custom effect"
+        targets.append(harness.at_most(what, 0, sum(row["spills"] > 0 for row in few)))
+        what = "kernels that spill in their steps, all effects at once apart"
+        others = [row for row in rows if row["acting"] != "all effects"]
+        targets.append(harness.at_most(what, 0, sum(r["spills in steps"] > 0 for r in others)))
     return [*rows, *targets]
 
 
 def report(rows):
     """Print the results."""
-    told = [row for row in rows if row["kind"] == "ptx" and row["capability"] == "sm_90"]
-    head = ["integrator", "acting", "events", "fma", "add, mul", "div", "sqrt", "registers",
-            "local [B]", "spills [B]", "in steps [B]", "s"]  # fmt: skip
-    harness.table(
+    blank = dict.fromkeys(TOLD, "")
+    found = [blank | r for r in harness.of_kind(rows, "ptx") if r["capability"] == "sm_90"]
+    harness.show(
         "code for devices of compute capability 9.0",
-        head,
-        [
-            [
-                row["integrator"], row["acting"], "yes" if row["watched"] else "", row["fma"],
-                row["add and mul"], row["div"], row["sqrt"],
-                *(row.get(word, "") for word in TOLD),
-                f"{row['seconds']:.1f}",
-            ]
-            for row in told
-        ],
-    )  # fmt: skip
-    kinds = "DFMA", "DMUL", "DADD"
-    harness.table(
+        found,
+        "integrator {integrator} | acting {acting} | events {events} | fma {fma}"
+        " | add, mul {add and mul} | div {div} | sqrt {sqrt} | registers {registers}"
+        " | local [B] {local} | spills [B] {spills} | in steps [B] {spills in steps}"
+        " | s {seconds:.1f}",
+        events=lambda row: "yes" if row["watched"] else "",
+    )
+    harness.show(
         "machine code of the steps: compute capability 9.0, with divisions and roots written out",
-        ["integrator", "acting", "PTX: fma", "add, mul", "SASS: DFMA", "DMUL", "DADD"],
-        [
-            [
-                row["integrator"], row["acting"], row["steps"]["fma"],
-                sum(row["steps"].get(kind, 0) for kind in ("add", "sub", "mul")),
-                *(row["sass"].get(kind, 0) for kind in kinds),
-            ]
-            for row in told
-            if row.get("sass") and not row["watched"]
-        ],
-    )  # fmt: skip
+        [row for row in found if row.get("sass") and not row["watched"]],
+        "integrator {integrator} | acting {acting} | PTX: fma {steps[fma]} | add, mul {sums}"
+        " | SASS: DFMA {DFMA} | DMUL {DMUL} | DADD {DADD}",
+        sums=lambda row: sum(row["steps"].get(kind, 0) for kind in ("add", "sub", "mul")),
+        DFMA=lambda row: row["sass"].get("DFMA", 0),
+        DMUL=lambda row: row["sass"].get("DMUL", 0),
+        DADD=lambda row: row["sass"].get("DADD", 0),
+    )
     harness.report_targets(rows)

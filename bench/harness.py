@@ -5,6 +5,7 @@ import json
 import os
 import platform
 import statistics
+import string
 import time
 
 import llvmlite
@@ -145,12 +146,48 @@ def met_text(row):
 
 def report_targets(rows):
     """Print the closing table: asked, measured, met."""
-    lines = [
-        (r["what"], asked_text(r), measured_text(r), met_text(r), r["note"])
-        for r in rows
-        if r["kind"] == "target"
-    ]
-    table("asked and measured", ("", "asked", "measured", "met", ""), lines)
+    texts = {"told": asked_text, "found": measured_text, "is_met": met_text}
+    columns = " {what} | asked {told} | measured {found} | met {is_met} | {note}"
+    show("asked and measured", of_kind(rows, "target"), columns, **texts)
+
+
+def row(kind, **fields):
+    """Return a row of a kind."""
+    return {"kind": kind, **fields}
+
+
+def of_kind(rows, kind):
+    """Return the rows of a kind."""
+    return [row for row in rows if row["kind"] == kind]
+
+
+class _Cells(string.Formatter):
+    def format_field(self, value, spec):
+        return "-" if value is None else super().format_field(value, spec)
+
+
+def cells_of(rows, columns, **more):
+    """Return (titles, lines of texts) of rows.
+
+    columns : texts "TITLE {FIELD:FORMAT}" between |, with the fields of a row and of `more`
+    more : {FIELD: function of a row}
+    """
+    parts = [one.partition("{") for one in columns.split("|")]
+    lines = []
+    for row in rows:
+        fields = row | {name: function(row) for name, function in more.items()}
+        lines.append([_Cells().vformat(f"{a}{b}".strip(), (), fields) for _, a, b in parts])
+    return [title.strip() for title, _, _ in parts], lines
+
+
+def show(title, rows, columns, **more):
+    """Print rows as a table; columns and more as in `cells_of`."""
+    table(title, *cells_of(rows, columns, **more))
+
+
+def at_most(what, asked, measured, unit="", **more):
+    """Return a row of the closing table whose measurement may not exceed its target."""
+    return target(what, asked, measured, unit, at_most=True, **more)
 
 
 def table(title, columns, lines):

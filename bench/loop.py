@@ -14,8 +14,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import rigidmc
-from bench import harness, tops
+from bench import harness
 from bench.accuracy import T_END
+from bench.problems import tops
 from rigidmc.engine.machine import threads_available
 from rigidmc.physics.effects import Gravity
 
@@ -141,10 +142,10 @@ def report(rows):
             print(f"rigidmc compiles for {row['seconds']:.1f} s in its first run")
         if row["kind"] == "factor":
             print(f"{row['limit']:.0e}: the loop takes {row['factor']:,.0f} times as long")
-    lines = [
-        (f"{row['limit']:.0e}", row["name"], f"{row['tolerance']:.1e}", f"{row['error']:.1e}",
-         f"{1e6 * row['seconds']:,.2f}")
-        for row in rows if row["kind"] == "time"
-    ]  # fmt: skip
-    columns = "error limit", "", "tolerance", "reached", "us a top"
-    harness.table(f"heavy tops to t = {T_END:g} s on all cores", columns, lines)
+    harness.show(
+        f"heavy tops to t = {T_END:g} s on all cores",
+        harness.of_kind(rows, "time"),
+        "error limit {limit:.0e} | {name} | tolerance {tolerance:.1e} | reached {error:.1e}"
+        " | us a top {microseconds:,.2f}",
+        microseconds=lambda row: 1e6 * row["seconds"],
+    )

@@ -37,17 +37,7 @@ rm.simulate(scene, members=int(sys.argv[1]), t_end=float(sys.argv[2]), output=sy
 def shell(name, side, folder):
     """Return (seconds, gigabytes, Dataset) of `rigidmc map`."""
     file = os.path.join(folder, f"{name}.nc")
-    command = [
-        *startup.command(),
-        "map",
-        name,
-        "--resolution",
-        str(side),
-        "-o",
-        file,
-        "--plot",
-        file + ".png",
-    ]
+    command = startup.command(f"map {name} --resolution {side} -o", file, "--plot", file + ".png")
     began = time.perf_counter()
     memory = peak(command, folder)
     seconds = time.perf_counter() - began
@@ -172,72 +162,50 @@ def run(quick):
             seconds, memory, ds = shell(name, side, folder)
             words, number = agreement(name, ds)
             rows.append(
-                {
-                    "kind": "map",
-                    "name": name,
-                    "side": side,
-                    "members": int(ds.attrs["members"]),
-                    "seconds": seconds,
-                    "gigabytes": memory,
-                    "words": words,
-                    "number": number,
-                }
+                harness.row(
+                    "map",
+                    name=name,
+                    side=side,
+                    members=int(ds.attrs["members"]),
+                    seconds=seconds,
+                    gigabytes=memory,
+                    words=words,
+                    number=number,
+                )
             )
             if name in ASKED:
                 rows.append(
-                    harness.target(
+                    harness.at_most(
                         f"{name}, {side} x {side} x {ds.attrs['members']}, compile included",
                         ASKED[name],
                         seconds,
                         "s",
-                        at_most=True,
                     )
                 )
         count, turns = 200_000 if quick else 10_000_000, 2.0 * np.pi * 50.0
         for t_end in (turns, 4.0 * turns):
             began = time.perf_counter()
-            memory = peak(
-                [
-                    sys.executable,
-                    "-c",
-                    MILLIONS,
-                    str(count),
-                    str(t_end),
-                    os.path.join(folder, f"{t_end:.0f}.nc"),
-                ],
-                folder,
-            )
+            words = [str(count), str(t_end), os.path.join(folder, f"{t_end:.0f}.nc")]
+            memory = peak([sys.executable, "-c", MILLIONS, *words], folder)
             seconds = time.perf_counter() - began
             rows.append(
-                {
-                    "kind": "millions",
-                    "members": count,
-                    "t_end": t_end,
-                    "seconds": seconds,
-                    "gigabytes": memory,
-                }
+                harness.row(
+                    "millions", members=count, t_end=t_end, seconds=seconds, gigabytes=memory
+                )
             )
             if t_end == turns:
                 rows.append(
-                    harness.target(
-                        f"{count:.0e} free members to 50 turns with flips",
-                        60.0,
-                        seconds,
-                        "s",
-                        at_most=True,
+                    harness.at_most(
+                        f"{count:.0e} free members to 50 turns with flips", 60.0, seconds, "s"
                     )
                 )
-                rows.append(harness.target("its memory", 1.5, memory, "GB", at_most=True))
+                rows.append(harness.at_most("its memory", 1.5, memory, "GB"))
     for what, word, ns, bare in prices(1 if quick else 7):
         asked = 2.2 if what == "megno" else 1.1
         rows.append({"kind": "price", "what": what, "scene": word, "ns": ns, "bare": bare})
         rows.append(
-            harness.target(
-                f"{what}, {word} rk4 step with attitude",
-                asked,
-                ns / bare,
-                "of the bare step",
-                at_most=True,
+            harness.at_most(
+                f"{what}, {word} rk4 step with attitude", asked, ns / bare, "of the bare step"
             )
         )
     off = fill(2**12 if quick else 2**16)
@@ -247,18 +215,15 @@ def run(quick):
             "error of independent points over that of Sobol points",
             10.0,
             off["independent"] / off["sobol"],
-            "",
         )
     )
     for word, share in coverage(200 if quick else 2000).items():
         rows.append({"kind": "coverage", "interval": word, "share": share})
         rows.append(
-            harness.target(
+            harness.at_most(
                 f"95 % interval of a {word}: distance of its coverage from 95 %",
                 0.02,
                 abs(share - 0.95),
-                "",
-                at_most=True,
             )
         )
     return rows
@@ -266,52 +231,24 @@ def run(quick):
 
 def report(rows):
     """Print the tables."""
-    map_rows = [r for r in rows if r["kind"] == "map"]
-    lines = [
-        (
-            r["name"],
-            f"{r['side']}^2 x {r['members']}",
-            f"{r['seconds']:.1f}",
-            f"{r['gigabytes']:.2f}",
-            f"{r['number']:.4g}",
-            r["words"],
-        )
-        for r in map_rows
-    ]
-    harness.table("maps", ["", "members", "s", "GB", "against theory", ""], lines)
-    lines = [
-        (
-            f"{r['members']:,} to {r['t_end']:.0f} s",
-            f"{r['seconds']:.1f}",
-            f"{r['gigabytes']:.2f}",
-            "",
-        )
-        for r in rows
-        if r["kind"] == "millions"
-    ]
-    harness.table("flip statistics, no trajectories", ["", "s", "GB", ""], lines)
-    lines = [
-        (
-            f"{r['what']}, {r['scene']}",
-            f"{r['bare']:.2f}",
-            f"{r['ns']:.2f}",
-            f"{r['ns'] / r['bare']:.3f}",
-            "",
-        )
-        for r in rows
-        if r["kind"] == "price"
-    ]
-    harness.table(
-        "ns per member-step of rk4 on one thread", ["", "bare", "with it", "ratio", ""], lines
+    harness.show(
+        "maps",
+        harness.of_kind(rows, "map"),
+        " {name} | members {side}^2 x {members} | s {seconds:.1f} | GB {gigabytes:.2f}"
+        " | against theory {number:.4g} | {words}",
     )
-    harness.table(
-        "error of the mean, 2^16 members",
-        ["", "rms", ""],
-        [(r["points"], f"{r['error']:.2e}", "") for r in rows if r["kind"] == "points"],
+    harness.show(
+        "flip statistics, no trajectories",
+        harness.of_kind(rows, "millions"),
+        " {members:,} to {t_end:.0f} s | s {seconds:.1f} | GB {gigabytes:.2f} |",
     )
-    harness.table(
-        "intervals of 95 %",
-        ["", "held the truth", ""],
-        [(r["interval"], f"{r['share']:.4f}", "") for r in rows if r["kind"] == "coverage"],
+    harness.show(
+        "ns per member-step of rk4 on one thread",
+        harness.of_kind(rows, "price"),
+        " {what}, {scene} | bare {bare:.2f} | with it {ns:.2f} | ratio {ratio:.3f} |",
+        ratio=lambda r: r["ns"] / r["bare"],
     )
+    points, held = (harness.of_kind(rows, kind) for kind in ("points", "coverage"))
+    harness.show("error of the mean, 2^16 members", points, " {points} | rms {error:.2e} |")
+    harness.show("intervals of 95 %", held, " {interval} | held the truth {share:.4f} |")
     harness.report_targets(rows)

@@ -66,53 +66,22 @@ def run(quick):
             return peak([sys.executable, "-c", SIMULATE, str(members), str(t_end)], folder)
 
         def commanded(t_end, name):
-            words = [
-                "run",
-                "dzhanibekov",
-                "--members",
-                str(members),
-                "--t-end",
-                str(t_end),
-                "--every",
-                str(t_end),
-            ]
-            return peak(
-                [*startup.command(), *words, "--save", "omega,attitude", "-o", name], folder
-            )
+            text = f"run dzhanibekov --members {members} --t-end {t_end} --every {t_end}"
+            return peak(startup.command(f"{text} --save omega,attitude -o", name), folder)
 
         rows = []
         for name, measure in (("simulate()", simulated), ("rigidmc run -o FILE", commanded)):
             first = measure(t_end / 10, "first.nc")  # compiles, which takes 50 MB
             short, long = measure(t_end / 10, "short.nc"), measure(t_end, "long.nc")
-            for what, end, value in (
-                ("first run", t_end / 10, first),
-                ("short", t_end / 10, short),
-                ("long", t_end, long),
-            ):
-                rows.append(
-                    {
-                        "kind": "peak",
-                        "name": name,
-                        "what": what,
-                        "members": members,
-                        "t_end": end,
-                        "gigabytes": value,
-                    }
-                )
-            rows.append(
-                harness.target(
-                    f"{name}, {members:,} members, final state",
-                    ASKED,
-                    max(first, long),
-                    "GB",
-                    at_most=True,
-                )
-            )
-            rows.append(
-                harness.target(
-                    f"{name}, ten times the steps", GROWTH, long / short, "x", at_most=True
-                )
-            )
+            known = {"name": name, "members": members}
+            what = f"{name}, {members:,} members, final state"
+            rows += [
+                harness.row("peak", **known, what="first run", t_end=t_end / 10, gigabytes=first),
+                harness.row("peak", **known, what="short", t_end=t_end / 10, gigabytes=short),
+                harness.row("peak", **known, what="long", t_end=t_end, gigabytes=long),
+                harness.at_most(what, ASKED, max(first, long), "GB"),
+                harness.at_most(f"{name}, ten times the steps", GROWTH, long / short, "x"),
+            ]
     return rows
 
 

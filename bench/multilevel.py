@@ -95,17 +95,17 @@ def plain(study, width, most=None):
     parts = compute_batches(scene, CHUNK, 1, None)
     values = np.concatenate([part.omega_final.sel(axis=1).values for part in parts])
     seconds = time.process_time() - began
-    return {
-        "kind": "plain",
-        "width": width,
-        "steps": asked.steps,
-        "members": asked.members,
-        "run": run,
-        "mean": float(values.mean()),
-        "error": float(values.std()) / math.sqrt(run),
-        "cost": float(asked.members * asked.steps),
-        "seconds": seconds * asked.members / run,
-    }
+    return harness.row(
+        "plain",
+        width=width,
+        steps=asked.steps,
+        members=asked.members,
+        run=run,
+        mean=float(values.mean()),
+        error=float(values.std()) / math.sqrt(run),
+        cost=float(asked.members * asked.steps),
+        seconds=seconds * asked.members / run,
+    )
 
 
 def measured(quick):
@@ -116,15 +116,15 @@ def measured(quick):
     for width in WIDTHS[:2] if quick else WIDTHS:
         study, seconds = by_levels(width)
         rows.append(
-            {
-                "kind": "levels",
-                "width": width,
-                "levels": study.sizes["level"],
-                "mean": float(study.value),
-                "half": float(study.half[-1]),
-                "cost": steps_of(study),
-                "seconds": seconds,
-            }
+            harness.row(
+                "levels",
+                width=width,
+                levels=study.sizes["level"],
+                mean=float(study.value),
+                half=float(study.half[-1]),
+                cost=steps_of(study),
+                seconds=seconds,
+            )
         )
         rows.append(plain(study, width, SAMPLE if quick or width < PLAIN else None))
     ours = [row for row in rows if row["kind"] == "levels"]
@@ -152,17 +152,12 @@ def measured(quick):
 
 def show(rows):
     """Print the tables."""
-    cells = [
-        (
-            row["kind"],
-            f"{row['width']:g}",
-            f"{row['mean']:.6f}",
-            f"{row['levels']} levels" if row["kind"] == "levels" else f"{row['steps']:,} steps",
-            f"{row['cost']:.3g}",
-            f"{row['seconds']:.1f}",
-        )
-        for row in rows
-        if row["kind"] in ("levels", "plain")
-    ]
-    columns = ["", "+- rad/s", "mean", "", "steps of members", "processor s"]
-    harness.table("mean of omega_1 after 10 s", columns, cells)
+    harness.show(
+        "mean of omega_1 after 10 s",
+        [row for row in rows if row["kind"] in ("levels", "plain")],
+        " {kind} | +- rad/s {width:g} | mean {mean:.6f} | {how} | steps of members {cost:.3g}"
+        " | processor s {seconds:.1f}",
+        how=lambda row: (
+            f"{row['levels']} levels" if row["kind"] == "levels" else f"{row['steps']:,} steps"
+        ),
+    )

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rigidmc
-from bench import baselines, harness, tops
+from bench import baselines, harness
+from bench.problems import tops
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.machine import threads_available
 from rigidmc.physics.effects import Gravity
@@ -100,14 +101,14 @@ def run(quick):
                     field[name, limit] = entry
                     q, l = entry.read(entry.run(entry.prepare()))
                     rows.append(
-                        {
-                            "kind": "check",
-                            "body": kind,
-                            "limit": limit,
-                            "name": name,
-                            "setting": entry.setting,
-                            "error": worst(many, (q, l), judged),
-                        }
+                        harness.row(
+                            "check",
+                            body=kind,
+                            limit=limit,
+                            name=name,
+                            setting=entry.setting,
+                            error=worst(many, (q, l), judged),
+                        )
                     )
         rows += [{"kind": "note", "name": name, "note": note} for name, note in notes.items()]
         slow = {
@@ -683,29 +684,16 @@ def report(rows):
         if r["kind"] == "note":
             print(f"{r['name']}: {r['note']}")
         if r["kind"] == "truth":
-            print(
-                f"{r['body']}: truth {r['source']}, which differs from {r['against']} by "
-                f"{r['error']:.1e} at worst"
-            )
-    errors = {(r["body"], r["limit"], r["name"]): r["error"] for r in rows if r["kind"] == "check"}
-    lines = [
-        (
-            f"{r['body']}, {r['limit']:.0e}",
-            r["name"],
-            r["setting"],
-            f"{errors[r['body'], r['limit'], r['name']]:.1e}",
-            f"{r['seconds']:.4f}",
-            f"{r['best']:.4f}",
-            f"{r['cpu_seconds']:.4f}",
-        )
-        for r in sorted(
-            (r for r in rows if r["kind"] == "time"),
-            key=lambda r: (r["body"], -r["limit"], r["seconds"]),
-        )
-    ]
-    harness.table(
+            found = f"truth {r['source']}, which differs from {r['against']} by {r['error']:.1e}"
+            print(f"{r['body']}: {found} at worst")
+    errors = {
+        (r["body"], r["limit"], r["name"]): r["error"] for r in harness.of_kind(rows, "check")
+    }
+    harness.show(
         f"{MEMBERS:,} tops to t = {T_END:g} s on {threads_available()} threads",
-        ("worst error", "", "how", "reached", "s", "best", "CPU s"),
-        lines,
+        sorted(harness.of_kind(rows, "time"), key=lambda r: (r["body"], -r["limit"], r["seconds"])),
+        "worst error {body}, {limit:.0e} | {name} | how {setting} | reached {reached:.1e}"
+        " | s {seconds:.4f} | best {best:.4f} | CPU s {cpu_seconds:.4f}",
+        reached=lambda r: errors[r["body"], r["limit"], r["name"]],
     )
     harness.report_targets(rows)

@@ -14,7 +14,7 @@ from scipy import stats
 
 import rigidmc as rm
 from bench import harness, multilevel, shares
-from bench.rare_truths import (
+from bench.problems.rare_truths import (
     FAR,
     SPREAD,
     TIMES,
@@ -45,16 +45,16 @@ def studied(name, scene, of, truth, repetitions, members=1000):
     p, each, steps = float(found.p), found.probability.values, found.member_steps.values
     of_a_member = round(scene.run.t_end / scene.run.dt)
     plain = p * (1.0 - p) * of_a_member
-    return {
-        "kind": "rare",
-        "what": name,
-        "p": p,
-        "error": float(each.std(ddof=1) / math.sqrt(each.size)),
-        "truth": truth,
-        "steps": float(steps.sum()),
-        "gain": plain / (each.var(ddof=1) * steps.mean()),
-        "seconds": time.process_time() - began,
-    }
+    return harness.row(
+        "rare",
+        what=name,
+        p=p,
+        error=float(each.std(ddof=1) / math.sqrt(each.size)),
+        truth=truth,
+        steps=float(steps.sum()),
+        gain=plain / (each.var(ddof=1) * steps.mean()),
+        seconds=time.process_time() - began,
+    )
 
 
 def turned(members):
@@ -147,14 +147,12 @@ def rare_targets(rows):
         if "turns over" in what:
             errors = math.hypot(errors, math.sqrt(plain["p"] / plain["members"]))
         off = abs(row["p"] - row["truth"]) / errors
-        targets.append(
-            harness.target(f"{what}: from the truth", 3.0, off, "standard errors", at_most=True)
-        )
+        targets.append(harness.at_most(f"{what}: from the truth", 3.0, off, "standard errors"))
     off = abs(escape["rate"] - escape["kramers"]) / escape["error"]
     without = abs(escape["rate"] - escape["without friction"]) / escape["error"]
     return [
         *targets,
-        harness.target("escape: from Kramers's rate", 3.0, off, "standard errors", at_most=True),
+        harness.at_most("escape: from Kramers's rate", 3.0, off, "standard errors"),
         harness.target("escape: from the rate without friction", 3.0, without, "standard errors"),
     ]
 
@@ -173,33 +171,23 @@ def run(quick):
 
 def report(rows):
     """Print the tables."""
-    cells = [
-        (
-            row["what"],
-            f"{row['p']:.3e}",
-            f"{row['error']:.1e}",
-            "" if row["truth"] is None else f"{row['truth']:.3e}",
-            f"{row['steps']:.2g}",
-            f"{row['gain']:,.0f}",
-            f"{row['seconds']:.1f}",
+    harness.show(
+        "rare events",
+        harness.of_kind(rows, "rare"),
+        "event {what} | p {p:.3e} | +- {error:.1e} | truth {true} | member-steps {steps:.2g}"
+        " | plain takes, times {gain:,.0f} | processor s {seconds:.1f}",
+        true=lambda row: "" if row["truth"] is None else f"{row['truth']:.3e}",
+    )
+    for row in harness.of_kind(rows, "counted"):
+        print(
+            "{members:,} plain members: {count:,} turn over in time, p = {p:.3e} ({low:.3e} to"
+            " {high:.3e}), {seconds:,.0f} processor s".format(**row)
         )
-        for row in rows
-        if row["kind"] == "rare"
-    ]
-    columns = ["event", "p", "+-", "truth", "member-steps", "plain takes, times", "processor s"]
-    harness.table("rare events", columns, cells)
-    for row in rows:
-        if row["kind"] == "counted":
-            print(
-                f"{row['members']:,} plain members: {row['count']:,} turn over in time,"
-                f" p = {row['p']:.3e} ({row['low']:.3e} to {row['high']:.3e}),"
-                f" {row['seconds']:,.0f} processor s"
-            )
-        if row["kind"] == "escape":
-            print(
-                f"escape over {row['depth']} kT: {row['rate']:.3e} +- {row['error']:.1e} 1/s,"
-                f" Kramers {row['kramers']:.3e}, without friction {row['without friction']:.3e}"
-            )
+    for row in harness.of_kind(rows, "escape"):
+        print(
+            "escape over {depth} kT: {rate:.3e} +- {error:.1e} 1/s, Kramers {kramers:.3e},"
+            " without friction {without friction:.3e}".format(**row)
+        )
     shares.show(rows)
     multilevel.show(rows)
     harness.report_targets(rows)

@@ -5,6 +5,7 @@ Also a cluster of two local processes against two threads.
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -21,7 +22,7 @@ from rigidmc.runs.resources import free_memory
 from rigidmc.runs.settled import Machine
 from rigidmc.scene.scene import Scene
 
-STUDY = ["run", "dzhanibekov", "--t-end", "12", "--save", "omega,attitude", "--keep", "final"]
+STUDY = "run dzhanibekov --t-end 12 --save omega,attitude --keep final"
 MEMBERS = (2_000_000, 5_000_000, 20_000_000)
 
 OPEN = """
@@ -71,31 +72,15 @@ def share(folder, members, rounds):
                 "with": seconds,
             }
         )
-        subprocess.run(["rm", "-r", directory.path], check=True)
+        shutil.rmtree(directory.path)
     return rows
 
 
 def thousand(folder, shards):
     """Measure the seconds of rm.open and of status, for a run with a number of shards."""
     path = os.path.join(folder, "many")
-    words = [
-        "run",
-        "dzhanibekov",
-        "--members",
-        str(4096 * shards),
-        "--t-end",
-        "0.1",
-        "--shard-size",
-        "0.5",
-        "--save",
-        "omega",
-    ]
-    subprocess.run(
-        [*startup.command(), *words, "-o", path + "/"],
-        check=True,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    text = f"run dzhanibekov --members {4096 * shards} --t-end 0.1 --shard-size 0.5 --save omega -o"
+    startup.silently(text, path + "/")
     taken = []
     for _ in range(3):
         done = subprocess.run(
@@ -103,7 +88,7 @@ def thousand(folder, shards):
         )
         taken.append([float(word) for word in done.stdout.split()])
     began = time.perf_counter()
-    subprocess.run([*startup.command(), "status", path], check=True, stdout=subprocess.DEVNULL)
+    startup.silently("status", path)
     return (
         len(os.listdir(os.path.join(path, "shards"))),
         *map(harness.median, zip(*taken, strict=True)),
@@ -118,30 +103,13 @@ def cluster(folder, members, t_end, rounds, size):
 
     size : of a shard [MB], small enough that each worker gets many and none waits long for the last
     """
-    words = [
-        "run",
-        "dzhanibekov",
-        "--members",
-        str(members),
-        "--t-end",
-        str(t_end),
-        "--save",
-        "omega",
-        "--keep",
-        "final",
-    ]
-    words += ["--shard-size", str(size)]
+    text = f"run dzhanibekov --members {members} --t-end {t_end} --save omega --keep final"
     rows = []
     for i in range(rounds):
         row: dict = {"kind": "cluster", "members": members, "t_end": t_end}
-        for name, how in (("threads", ["--threads", "2"]), ("cluster", ["--cluster", "local:2"])):
+        for name, how in (("threads", "--threads 2"), ("cluster", "--cluster local:2")):
             path = os.path.join(folder, f"{name}{i}")
-            subprocess.run(
-                [*startup.command(), *words, *how, "-o", path + "/"],
-                check=True,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )
+            startup.silently(f"{text} --shard-size {size} {how} -o", path + "/")
             with open(os.path.join(path, "journal.jsonl")) as file:
                 row[name] = [json.loads(line) for line in file][-1]["seconds"]
             shards = sorted(
@@ -151,7 +119,7 @@ def cluster(folder, members, t_end, rounds, size):
                 len(shards) - 4
             )
             row[f"{name}_shards"] = sorted(entry.name for entry in shards)
-            subprocess.run(["rm", "-r", path], check=True)
+            shutil.rmtree(path)
         row["equal"] = row.pop("threads_shards") == row.pop("cluster_shards")
         rows.append(row)
     return rows
@@ -199,65 +167,42 @@ def run(quick):
         for members in (sizes[0], *sizes):  # the first compiles
             path = os.path.join(folder, f"m{members}-{len(rows)}")
             began = time.perf_counter()
-            memory = peak(
-                [*startup.command(), *STUDY, "--members", str(members), "-o", path + "/"], folder
-            )
+            words = startup.command(f"{STUDY} --members {members} -o", path + "/")
+            memory = peak(words, folder)
             taken = time.perf_counter() - began
             size = sum(
                 os.path.getsize(os.path.join(path, "shards", name))
                 for name in os.listdir(os.path.join(path, "shards"))
             )
             rows.append(
-                {
-                    "kind": "peak",
-                    "members": members,
-                    "gigabytes": memory,
-                    "seconds": taken,
-                    "bytes": size,
-                }
+                harness.row("peak", members=members, gigabytes=memory, seconds=taken, bytes=size)
             )
-            subprocess.run(["rm", "-r", path], check=True)
+            shutil.rmtree(path)
         peaks = [row["gigabytes"] for row in rows[1:]]
         rows.append(
-            harness.target(
-                f"peak memory, {sizes[-1]:,} members to a run directory",
-                1.5,
-                peaks[-1],
-                "GB",
-                at_most=True,
+            harness.at_most(
+                f"peak memory, {sizes[-1]:,} members to a run directory", 1.5, peaks[-1], "GB"
             )
         )
         rows.append(
-            harness.target(
-                f"{sizes[-1]:,} members against {sizes[0]:,}",
-                1.15,
-                peaks[-1] / peaks[0],
-                "x",
-                at_most=True,
+            harness.at_most(
+                f"{sizes[-1]:,} members against {sizes[0]:,}", 1.15, peaks[-1] / peaks[0], "x"
             )
         )
         rows += share(folder, sizes[1], 1 if quick else 5)
         ratios = [row["with"] / row["without"] - 1.0 for row in rows if row["kind"] == "share"]
         note = f"{len(ratios)} rounds, {min(ratios):.3f} to {max(ratios):.3f}"
         rows.append(
-            harness.target(
-                "what writing adds to a run",
-                0.10,
-                harness.median(ratios),
-                "",
-                at_most=True,
-                note=note,
-            )
+            harness.at_most("what writing adds to a run", 0.10, harness.median(ratios), note=note)
         )
         count, opened, asked, command = thousand(folder, 20 if quick else 1000)
-        rows.append(harness.target(f"rm.open of {count:,} shards", 2.0, opened, "s", at_most=True))
+        rows.append(harness.at_most(f"rm.open of {count:,} shards", 2.0, opened, "s"))
         rows.append(
-            harness.target(
+            harness.at_most(
                 f"status of {count:,} shards",
                 0.5,
                 asked,
                 "s",
-                at_most=True,
                 note=f"`rigidmc status` {command:.2f} s",
             )
         )
@@ -282,12 +227,10 @@ def run(quick):
 
 def report(rows):
     """Print what was measured."""
-    for row in rows:
-        if row["kind"] == "peak":
-            speed = row["members"] / row["seconds"]
-            print(
-                f"  {row['members']:12,d} members  {row['gigabytes']:.3f} GB  "
-                f"{row['seconds']:6.1f} s  {speed:9,.0f} members/s  "
-                f"{row['bytes'] / 1e9:.2f} GB written"
-            )
+    for row in harness.of_kind(rows, "peak"):
+        speed, written = row["members"] / row["seconds"], row["bytes"] / 1e9
+        print(
+            f"  {row['members']:12,d} members  {row['gigabytes']:.3f} GB  {row['seconds']:6.1f} s"
+            f"  {speed:9,.0f} members/s  {written:.2f} GB written"
+        )
     harness.report_targets(rows)

@@ -90,65 +90,43 @@ def run(quick):
     return [
         *rows,
         harness.target(
-            "sets that compile and are packed throughout",
-            len(todo),
-            sum(r["fine"] for r in rows),
-            "",
+            "sets that compile and are packed throughout", len(todo), sum(r["fine"] for r in rows)
         ),
-        harness.target(
-            "compile time of one or two effects on top of the body, worst",
-            ASKED,
-            max(small),
-            "s",
-            at_most=True,
+        harness.at_most(
+            "compile time of one or two effects on top of the body, worst", ASKED, max(small), "s"
         ),
-        harness.target(
+        harness.at_most(
             "compile time of 3 to 8 effects on top of the body, worst",
             ASKED,
             max(r["seconds"] for r in rows if len(r["effects"]) > 2),
             "s",
-            at_most=True,
         ),
     ]
 
 
 def report(rows):
     """Print the tables."""
-    set_rows = [r for r in rows if r["kind"] == "set"]
-    lines = []
-    for word, some in (("one", [1]), ("two", [2]), ("3 to 8", range(3, 9))):
-        part = [r for r in set_rows if len(r["effects"]) in some]
-        seconds = [r["seconds"] for r in part]
-        late = sum(s > ASKED for s in seconds)
-        lines.append(
-            (
-                word,
-                len(part),
-                sum(r["fine"] for r in part),
-                f"{harness.median(seconds):.2f}",
-                f"{max(seconds):.2f}",
-                late,
-            )
-        )
-    alone = harness.median([r["alone"] for r in set_rows])
-    harness.table(
-        f"sets of effects; the body alone compiles in {alone:.2f} s",
-        ["effects", "sets", "packed", "median s", "worst s", f"over {ASKED:g} s"],
-        lines,
-    )
-    worst = sorted(set_rows, key=lambda r: -r["seconds"])[:8]
-    harness.table(
-        "slowest to compile",
-        ["effects", "s"],
-        [(", ".join(r["effects"]), f"{r['seconds']:.2f}") for r in worst],
-    )
-    bad = [
-        (
-            ", ".join(r["effects"]),
-            f"{r['scalar']} scalar instructions, {r['calls']} calls {r['libm']}",
-        )
-        for r in set_rows
-        if not r["fine"]
+    sets = harness.of_kind(rows, "set")
+    parts = [
+        {"word": word, "rows": [r for r in sets if len(r["effects"]) in sizes]}
+        for word, sizes in (("one", [1]), ("two", [2]), ("3 to 8", range(3, 9)))
     ]
-    harness.table("not packed", ["effects", "why"], bad or [("none", "")])
+    alone = harness.median([r["alone"] for r in sets])
+    harness.show(
+        f"sets of effects; the body alone compiles in {alone:.2f} s",
+        parts,
+        "effects {word} | sets {count} | packed {fine} | median s {median:.2f}"
+        f" | worst s {{worst:.2f}} | over {ASKED:g} s {{late}}",
+        count=lambda part: len(part["rows"]),
+        fine=lambda part: sum(r["fine"] for r in part["rows"]),
+        median=lambda part: harness.median([r["seconds"] for r in part["rows"]]),
+        worst=lambda part: max(r["seconds"] for r in part["rows"]),
+        late=lambda part: sum(r["seconds"] > ASKED for r in part["rows"]),
+    )
+    names = {"names": lambda r: ", ".join(r["effects"])}
+    slowest = sorted(sets, key=lambda r: -r["seconds"])[:8]
+    harness.show("slowest to compile", slowest, "effects {names} | s {seconds:.2f}", **names)
+    why = "{scalar} scalar instructions, {calls} calls {libm}"
+    if bad := [r for r in sets if not r["fine"]]:
+        harness.show("not packed", bad, f"effects {{names}} | why {why}", **names)
     harness.report_targets(rows)

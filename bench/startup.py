@@ -55,16 +55,19 @@ CALLS = {
 NEW_SCENES = {"second simulate of 64 members, of a new scene"}  # each call has its own scene
 
 
-def command():
-    """Return the words that start rigidmc: the script next to this Python, or the entry point if
-    rigidmc is not installed.
+def command(text="", *more):
+    """Return the words that start rigidmc, and those of a text: the script next to this Python, or
+    the entry point if rigidmc is not installed.
     """
     script = os.path.join(os.path.dirname(sys.executable), "rigidmc")
-    return (
-        [script]
-        if os.path.exists(script)
-        else [sys.executable, "-c", "from rigidmc.cli import main; main()"]
-    )
+    entry = [sys.executable, "-c", "from rigidmc.cli import main; main()"]
+    return [*([script] if os.path.exists(script) else entry), *text.split(), *map(str, more)]
+
+
+def silently(text, *more):
+    """Run a command of rigidmc, which must succeed, without its words."""
+    words = command(text, *more)
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 def ran(words, folder, cache):
@@ -138,29 +141,25 @@ def run(quick):
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
         caches = (os.path.join(folder, f"cache{i}") for i in itertools.count())
         known = next(caches)
-        ran([*command(), *f"{RUN} known.nc".split()], folder, known)
+        ran(command(f"{RUN} known.nc"), folder, known)
         for _ in range(1 if quick else 3):
             for what, (words, empty, _) in COMMANDS.items():
-                times[what].append(
-                    ran([*command(), *words.split()], folder, next(caches) if empty else known)[0]
-                )
+                cache = next(caches) if empty else known
+                times[what].append(ran(command(words), folder, cache)[0])
             for what, (script, _) in SCRIPTS.items():
                 words = [sys.executable, "-c", script]
                 times[what].append(ran(words, folder, known)[0])
             for what in CALLS:
-                script = f"from bench.startup import call; call({what!r})"
-                times[what].append(
-                    float(ran([sys.executable, "-c", script], folder, next(caches))[1])
-                )
+                words = [sys.executable, "-c", f"from bench.startup import call; call({what!r})"]
+                times[what].append(float(ran(words, folder, next(caches))[1]))
     asked = {what: given[-1] for what, given in {**COMMANDS, **SCRIPTS, **CALLS}.items()}
     rows = [{"kind": "seconds", "name": what, "seconds": taken} for what, taken in times.items()]
     return rows + [
-        harness.target(
+        harness.at_most(
             what,
             asked[what],
             harness.median(taken),
             "s",
-            at_most=True,
             note=f"{len(taken)} times, {min(taken):.4g} to {max(taken):.4g} s",
         )
         for what, taken in times.items()

@@ -8,7 +8,8 @@ import time
 
 import numpy as np
 
-from bench import candidates, harness, tops
+from bench import harness
+from bench.problems import candidates, tops
 from rigidmc.engine.machine import threads_available
 
 FLOPS = 217  # of a free rk4 step with attitude, counted on the textbook form
@@ -61,13 +62,9 @@ def check(name, q, l, other_q, other_l, ensemble):
     assert middle <= limits[1], (
         f"{name}: omega is off by {middle:.2g} in the middle, more than {limits[1]:g}"
     )
-    return {
-        "kind": "check",
-        "name": name,
-        "omega_worst": worst,
-        "omega_median": middle,
-        "attitude_worst": turn,
-    }
+    return harness.row(
+        "check", name=name, omega_worst=worst, omega_median=middle, attitude_worst=turn
+    )
 
 
 def rate(name, work, seconds, cpu, first):
@@ -79,13 +76,9 @@ def rate(name, work, seconds, cpu, first):
     middle, best = statistics.median(seconds), min(seconds)
     threads = 1 if name.endswith("one thread") else threads_available()
     undisturbed = scale * work * threads / statistics.median(cpu)
-    row = {
-        "kind": "rate",
-        "name": name,
-        "unit": unit,
-        "rate": scale * work / middle,
-        "best": scale * work / best,
-    }
+    row = harness.row(
+        "rate", name=name, unit=unit, rate=scale * work / middle, best=scale * work / best
+    )
     row["undisturbed"] = undisturbed
     return {
         **row,
@@ -201,39 +194,20 @@ def targets(seconds, cpu, field, cores):
 
 def report(rows):
     """Print what was measured."""
-    for row in rows:
-        if row["kind"] == "note":
-            print(f"{row['name']}: {row['note']}")
-    checks = [row for row in rows if row["kind"] == "check"]
-    lines = [
-        (
-            r["name"],
-            f"{r['omega_worst']:.1e}",
-            f"{r['omega_median']:.1e}",
-            "-" if r["attitude_worst"] is None else f"{r['attitude_worst']:.1e}",
-        )
-        for r in checks
-    ]
-    harness.table(
+    for row in harness.of_kind(rows, "note"):
+        print(f"{row['name']}: {row['note']}")
+    harness.show(
         "same answers? omega relative, attitude in rad",
-        ("against rigidmc's rk4", "worst", "median", "attitude"),
-        lines,
+        harness.of_kind(rows, "check"),
+        "against rigidmc's rk4 {name} | worst {omega_worst:.1e} | median {omega_median:.1e}"
+        " | attitude {attitude_worst:.1e}",
     )
-    lines = [
-        (
-            r["name"],
-            f"{r['rate']:.0f}",
-            f"{r['best']:.0f}",
-            f"{r['undisturbed']:.0f}",
-            r["unit"],
-            "-" if r["compile_s"] is None else f"{r['compile_s']:.1f} s",
-        )
-        for r in rows
-        if r["kind"] == "rate"
-    ]
-    what = (
+    harness.show(
         f"{candidates.MEMBERS:,} different tops, {candidates.STEPS:,} steps, "
-        f"{threads_available()} threads"
+        f"{threads_available()} threads",
+        harness.of_kind(rows, "rate"),
+        " {name} | median {rate:.0f} | best {best:.0f} | in CPU seconds {undisturbed:.0f} | {unit}"
+        " | first call, more {more}",
+        more=lambda r: "-" if r["compile_s"] is None else f"{r['compile_s']:.1f} s",
     )
-    harness.table(what, ("", "median", "best", "in CPU seconds", "", "first call, more"), lines)
     harness.report_targets(rows)

@@ -57,22 +57,17 @@ def run(quick):
             "members within the tolerance, fewest of all scenes", 99.0, 100.0 * min(shares), "%"
         ),
         *(
-            harness.target(
+            harness.at_most(
                 f"time of 100,000 members off its prediction, {saved}, worst",
                 25.0,
                 off[saved],
                 "%",
-                at_most=True,
                 note=notes.get(saved, ""),
             )
             for saved in SAVED
         ),
-        harness.target(
-            "error of 99 % of other members over that of the study, worst",
-            2.0,
-            max(factors),
-            "x",
-            at_most=True,
+        harness.at_most(
+            "error of 99 % of other members over that of the study, worst", 2.0, max(factors), "x"
         ),
     ]
 
@@ -174,57 +169,27 @@ def study_errors(name):
 
 def report(rows):
     """Print what was measured."""
-    lines = [
-        (
-            r["scene"],
-            f"{r['tolerance']:.0e}",
-            f"{100 * r['share']:.1f} %",
-            f"{r['p99']:.1e}",
-            f"{r['worst']:.1e}",
-            r["chosen"],
-        )
-        if r["share"] is not None
-        else (r["scene"], f"{r['tolerance']:.0e}", "refused", "", "", r["why"][:100])
-        for r in rows
-        if r["kind"] == "kept"
+    kept = [
+        {"p99": None, "worst": None, "chosen": r.get("why", "")[:100], **r}
+        for r in harness.of_kind(rows, "kept")
     ]
-    harness.table(
+    harness.show(
         "run --tolerance on members that no pilot has seen",
-        ("scene", "asked", "keep it", "99 %", "worst", "chosen"),
-        lines,
+        kept,
+        "scene {scene} | asked {tolerance:.0e} | keep it {kept} | 99 % {p99:.1e}"
+        " | worst {worst:.1e} | chosen {chosen}",
+        kept=lambda r: "refused" if r["share"] is None else f"{100 * r['share']:.1f} %",
     )
-    lines = [
-        (
-            r["scene"],
-            r["saved"],
-            f"{r['tolerance']:.0e}",
-            f"{r['predicted_seconds']:.2f}",
-            f"{r['seconds']:.2f}",
-            r["chosen"],
-        )
-        for r in rows
-        if r["kind"] == "time"
-    ]
-    harness.table(
-        f"{MANY:,} members", ("scene", "saves", "asked", "predicted s", "s", "chosen"), lines
+    harness.show(
+        f"{MANY:,} members",
+        harness.of_kind(rows, "time"),
+        "scene {scene} | saves {saved} | asked {tolerance:.0e}"
+        " | predicted s {predicted_seconds:.2f} | s {seconds:.2f} | chosen {chosen}",
     )
-    lines = [
-        (
-            r["scene"],
-            r["integrator"],
-            r["dtype"],
-            f"{r['steps']:.0f}",
-            f"{r['study']:.1e}",
-            f"{r['others']:.1e}",
-            f"{r['ratio']:.2f}",
-            "",
-        )
-        for r in rows
-        if r["kind"] == "error"
-    ]
-    harness.table(
+    harness.show(
         "error of 99 % of the members",
-        ("scene", "", "", "steps", "study", "others", "ratio", ""),
-        lines,
+        harness.of_kind(rows, "error"),
+        "scene {scene} | {integrator} | {dtype} | steps {steps:.0f} | study {study:.1e}"
+        " | others {others:.1e} | ratio {ratio:.2f} |",
     )
     harness.report_targets(rows)

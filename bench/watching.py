@@ -53,20 +53,20 @@ def errors(members):
                 return np.abs(ds[name] - small[name]).values
 
             same = np.abs((ds.attitude * small.attitude).sum("quat").values[-1])
-            yield {
-                "kind": "error",
-                "integrator": integrator,
-                "turn": turn,
-                "members": members,
-                "nutation": float(max(off("nutation_min").max(), off("nutation_max").max())),
-                "precession": float(off("precession").max()),
-                "missed": int(off("passages").sum()),
-                "passages": int(small.passages.sum()),
-                "first": float(np.nanmax(off("passage_first"))),
-                "flips_off": int(off("flips").sum()),
-                "flips": int(small.flips.sum()),
-                "motion": float(2.0 * np.arccos(np.minimum(same, 1.0)).max()),
-            }
+            yield harness.row(
+                "error",
+                integrator=integrator,
+                turn=turn,
+                members=members,
+                nutation=float(max(off("nutation_min").max(), off("nutation_max").max())),
+                precession=float(off("precession").max()),
+                missed=int(off("passages").sum()),
+                passages=int(small.passages.sum()),
+                first=float(np.nanmax(off("passage_first"))),
+                flips_off=int(off("flips").sum()),
+                flips=int(small.flips.sum()),
+                motion=float(2.0 * np.arccos(np.minimum(same, 1.0)).max()),
+            )
 
 
 def costs(integrator, turn, rounds):
@@ -84,13 +84,13 @@ def costs(integrator, turn, rounds):
     harness.interleaved(candidates, rounds, cpu)
     for name in COSTS:
         ratios = [a / b for a, b in zip(cpu[name], cpu[""], strict=True)]
-        yield {
-            "kind": "cost",
-            "integrator": integrator,
-            "turn": turn,
-            "what": name,
-            "percent": 100.0 * (statistics.median(ratios) - 1.0),
-        }
+        yield harness.row(
+            "cost",
+            integrator=integrator,
+            turn=turn,
+            what=name,
+            percent=100.0 * (statistics.median(ratios) - 1.0),
+        )
 
 
 def targets(rows):
@@ -99,31 +99,19 @@ def targets(rows):
         asked = row["kind"] == "cost" and ASKED.get((row["integrator"], row["turn"]))
         if asked:
             what = f"{row['what']}, of a step of {row['integrator']} at {row['turn']} rad"
-            yield harness.target(what, asked, row["percent"], "%", at_most=True)
+            yield harness.at_most(what, asked, row["percent"], "%")
 
 
 def report(rows):
     """Print the tables."""
-    columns = (
-        "", "rad", "nutation [rad]", "precession [rad]", "passages missed", "first [s]",
-        "flips off", "motion [rad]",
-    )  # fmt: skip
-    lines = [
-        (
-            r["integrator"],
-            r["turn"],
-            f"{r['nutation']:.1e}",
-            f"{r['precession']:.1e}",
-            f"{r['missed']} of {r['passages']}",
-            f"{r['first']:.1e}",
-            f"{r['flips_off']} of {r['flips']}",
-            f"{r['motion']:.1e}",
-        )
-        for r in rows
-        if r["kind"] == "error"
-    ]
-    harness.table("against steps of 1 ms by rk8, the worst top", columns, lines)
-    costs = [r for r in rows if r["kind"] == "cost"]
+    harness.show(
+        "against steps of 1 ms by rk8, the worst top",
+        harness.of_kind(rows, "error"),
+        " {integrator} | rad {turn} | nutation [rad] {nutation:.1e}"
+        " | precession [rad] {precession:.1e} | passages missed {missed} of {passages}"
+        " | first [s] {first:.1e} | flips off {flips_off} of {flips} | motion [rad] {motion:.1e}",
+    )
+    costs = harness.of_kind(rows, "cost")
     steps = dict.fromkeys((r["integrator"], r["turn"]) for r in costs)
     lines = [
         (*step, *(f"{r['percent']:.0f}" for r in costs if (r["integrator"], r["turn"]) == step))

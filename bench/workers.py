@@ -231,9 +231,9 @@ def targets(rows):
     for name in ("scheduler", "client"):
         what = f"memory of the {name} after {of}"
         megabytes = most[name]["megabytes"][1]
-        found.append(harness.target(what, 1000.0, megabytes, "MB", at_most=True))
+        found.append(harness.at_most(what, 1000.0, megabytes, "MB"))
     what = f"status of {of}"
-    return [*found, harness.target(what, 2.0, most["status"], "s", at_most=True)]
+    return [*found, harness.at_most(what, 2.0, most["status"], "s")]
 
 
 def run(quick):
@@ -253,26 +253,16 @@ def run(quick):
 
 def report(rows):
     """Print what was measured."""
-    lines = [
-        (
-            row["kind"],
-            f"{row['shards']:,}",
-            row["count"],
-            f"{row['seconds']:.0f}",
-            *(f"{row[name]['ms']:.2f}" for name in ("scheduler", "client", "workers")),
-            *(
-                "{:.0f} to {:.0f}".format(*row[name]["megabytes"])
-                for name in ("scheduler", "client")
-            ),
-            f"{row['status']:.2f}",
-            row.get("before", row)["error"].partition(": ")[2][:60],
-        )
-        for row in rows
-        if row["kind"] != "target"
-    ]
-    columns = ["", "shards", "workers", "s", "ms scheduler", "client", "workers", "MB scheduler",
-               "client", "s status", ""]  # fmt: skip
-    harness.table("stubs on a simulated cluster; ms of CPU a task", columns, lines)
+    harness.show(
+        "stubs on a simulated cluster; ms of CPU a task",
+        [row for row in rows if row["kind"] != "target"],
+        " {kind} | shards {shards:,} | workers {count} | s {seconds:.0f}"
+        " | ms scheduler {scheduler[ms]:.2f} | client {client[ms]:.2f} | workers {workers[ms]:.2f}"
+        " | MB scheduler {scheduler[megabytes][0]:.0f} to {scheduler[megabytes][1]:.0f}"
+        " | client {client[megabytes][0]:.0f} to {client[megabytes][1]:.0f}"
+        " | s status {status:.2f} | {lost}",
+        lost=lambda row: row.get("before", row)["error"].partition(": ")[2][:60],
+    )
     harness.report_targets(rows)
 
 

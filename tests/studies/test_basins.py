@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from bench.cantor import CANTOR, ends_of, found, gap
+from bench.problems.cantor import CANTOR, ends_of, found, gap
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume

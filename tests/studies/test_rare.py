@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 import rigidmc as rm
-from bench.rare_truths import LEVEL, bathed, passed, spun
+from bench.problems.rare_truths import LEVEL, bathed, passed, spun
 from rigidmc.errors import FileError, NoRoom, OptionError, SceneWarning
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.segments import SegmentedRun

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from bench.claims import ROOT, claims, constants, given_by, numbers, of_text, shows
+from bench.tools.claims import ROOT, claims, constants, given_by, numbers, of_text, shows
 from rigidmc.runs.directory import checkpoints, cluster
 from rigidmc.runs.directory.shards import SHARD
 from rigidmc.studies.section import points

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from bench import fingerprints, kinds, mistakes, texts
+from bench.tools import fingerprints, kinds, mistakes, texts
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import rigidmc
-from bench import house_counts as counts
-from bench import house_imports as imports
+from bench.tools import house_counts as counts
+from bench.tools import house_imports as imports
 
 FILES = {
     "__init__.py": '"""A package."""\n\nfrom small.ring import turn as turn\n',

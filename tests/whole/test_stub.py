@@ -3,7 +3,7 @@
 import ast
 
 import rigidmc as rm
-from bench import stub
+from bench.tools import stub
 
 
 def test_the_stub_has_the_names_of_the_package():

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 LIST = Path(__file__).with_name("words.csv")
 ROWS = list(csv.DictReader(LIST.read_text("utf-8").splitlines()))
 PLACES = "README.md", "CHANGELOG.md", ".github/SECURITY.md", "docs/**/*.md", "rigidmc/**/*.py"
-PLACES += "rigidmc/**/*.toml", "bench/readme.py"
+PLACES += "rigidmc/**/*.toml", "bench/tools/readme.py"
 MADE = "_build", "api"  # folders that the build of the documentation makes
 
 

@@ -16,8 +16,8 @@ import warnings
 import numpy as np
 import xarray as xr
 
-from bench import mistakes
-from bench.texts import (
+from bench.tools import mistakes
+from bench.tools.texts import (
     commands,
     done_well,
     each,
@@ -217,7 +217,7 @@ def own_parts(threads):
     """Run the examples of docs/how_to/own_parts.md from a file that a scene file names."""
     import rigidmc as rm
 
-    page = read(os.path.join(HERE, "..", "docs", "how_to", "own_parts.md"))
+    page = read(os.path.join(HERE, "..", "..", "docs", "how_to", "own_parts.md"))
     parts = page.partition("## From a script")[0]
     for file, text, word in (("mine.py", parts, "python"), ("own.toml", page, "toml")):
         blocks = re.findall(rf"(?ms)^```{word}\n(.*?)^```$", text)

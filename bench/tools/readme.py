@@ -7,11 +7,13 @@ import re
 import sys
 import textwrap
 from functools import partial
+from pathlib import Path
 from statistics import median
 
+from bench import harness
 from bench.accuracy import step_text
 
-ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+ROOT = str(Path(__file__).parents[2])
 RESULTS = os.path.join(ROOT, "bench", "results")
 
 
@@ -62,6 +64,11 @@ def table(columns, lines):
     return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in [columns, rule, *lines])
 
 
+def listed(rows, columns, **more):
+    """Return a markdown table of rows; columns and more as in `harness.cells_of`."""
+    return table(*harness.cells_of(rows, columns, **more))
+
+
 def with_note(drawn, note):
     """Return a table with a note below it."""
     return f"{drawn}\n\n{textwrap.fill(note, 100, break_long_words=False, break_on_hyphens=False)}"
@@ -69,40 +76,27 @@ def with_note(drawn, note):
 
 def accuracy(rows, machine):
     """Return a table of the fastest integrator for each error, and of others that reach it."""
-    lines = []
-    for row in rows:
-        if row["kind"] == "choice" and row["best"]:
-            same = [
-                r
-                for r in rows
-                if r["kind"] == "choice" and (r["body"], r["limit"]) == (row["body"], row["limit"])
-            ]
-            others = ", ".join(
-                f"{r['integrator']} {_count(r['members_per_second'])}" for r in same[1:5]
-            )
-            step = f"{row['integrator']}, {step_text(row)}"
-            lines.append(
-                (
-                    row["body"],
-                    f"{row['limit']:.0e}",
-                    step,
-                    _count(row["members_per_second"]),
-                    others,
-                )
-            )
-    columns = (
-        "tops",
-        "error limit after 10 s",
-        "integrator, step",
-        "members per second",
-        "other integrators",
+    choices = harness.of_kind(rows, "choice")
+
+    def others(row):
+        same = [r for r in choices if (r["body"], r["limit"]) == (row["body"], row["limit"])]
+        rates = (f"{r['integrator']} {_count(r['members_per_second'])}" for r in same[1:5])
+        return ", ".join(rates)
+
+    drawn = listed(
+        [row for row in choices if row["best"]],
+        "tops {body} | error limit after 10 s {limit:.0e} | integrator, step {integrator}, {step}"
+        " | members per second {rate} | other integrators {others}",
+        step=step_text,
+        rate=lambda row: _count(row["members_per_second"]),
+        others=others,
     )
     words = (
         "For 99 % of random tops the errors of momentum (relative) and attitude (rad) are below "
         "this limit. A step in rad is an angle: every top has its own time step, in which it turns "
         "by that angle"
     )
-    return with_note(table(columns, lines), f"{words}. Measured on {_machine(machine)}.")
+    return with_note(drawn, f"{words}. Measured on {_machine(machine)}.")
 
 
 def loop(rows, _):
@@ -127,20 +121,13 @@ def peers(rows, machine):
     """Return a table of seconds by candidate and worst error, with the settings of rigidmc."""
     times = {(r["body"], r["limit"], r["name"]): r for r in rows if r["kind"] == "time"}
     names = list(dict.fromkeys(name for _, _, name in times))
-    plain = [
-        n
-        for n in names
-        if n not in ("rigidmc, closed form", "rigidmc, 100 saves", "heyoka, 100 saves")
-    ]
+    others = "rigidmc, closed form", "rigidmc, 100 saves", "heyoka, 100 saves"
+    plain = [name for name in names if name not in others]
     lines = []
     for body, limit in dict.fromkeys((body, limit) for body, limit, _ in times):
         found = [times.get((body, limit, name)) for name in plain]
-        lines.append(
-            (
-                f"{body}, {limit:.0e}",
-                *(f"{r['seconds']:.4f}" if r else "not reached" for r in found),
-            )
-        )
+        seconds = [f"{r['seconds']:.4f}" if r else "not reached" for r in found]
+        lines.append((f"{body}, {limit:.0e}", *seconds))
     ours = "; ".join(
         f"{b}, {limit:.0e}: {r['setting']}"
         for (b, limit, name), r in times.items()
@@ -168,9 +155,8 @@ def throughput(rows, machine):
     base = "C structure of arrays, free", "C structure of arrays, heavy"
     pairs = {
         "rigidmc, rk4, kernel": ("kernel rk4 free", "kernel rk4 heavy"),
-        "rigidmc, rk4, `simulate()`": (
-            "simulate rk4 free, final state",
-            "simulate rk4 heavy, final state",
+        "rigidmc, rk4, `simulate()`": tuple(
+            f"simulate rk4 {kind}, final state" for kind in ("free", "heavy")
         ),
         "rigidmc, rk4, `simulate()` with 100 saves of 9 values": (
             "simulate rk4 free, 100 saves",
@@ -201,60 +187,46 @@ def throughput(rows, machine):
 
 def runs(rows, machine):
     """Return a table of memory and time of runs that write to a directory."""
-    lines = [
-        (
-            f"{r['members']:,}",
-            f"{r['gigabytes']:.2f}",
-            f"{r['seconds']:.0f}",
-            f"{r['bytes'] / 1e9:.2f}",
-        )
-        for r in [r for r in rows if r["kind"] == "peak"][1:]  # the first compiles
-    ]
-    found = {r["what"]: r["measured"] for r in rows if r["kind"] == "target"}
+    drawn = listed(
+        harness.of_kind(rows, "peak")[1:],  # the first compiles
+        "members {members:,} | GB of memory {gigabytes:.2f} | seconds {seconds:.0f}"
+        " | GB written {written:.2f}",
+        written=lambda r: r["bytes"] / 1e9,
+    )
+    found = {r["what"]: r["measured"] for r in harness.of_kind(rows, "target")}
     share, ratio = (
         next(v for k, v in found.items() if word in k) for word in ("writing adds", "cluster here")
     )
+    taken = harness.of_kind(rows, "cluster")
+    whole = median([r["threads"] / r["cluster"] for r in taken])
+    seconds = median([r["threads"] for r in taken])
     words = (
         "Free tops with attitude over 1,200 steps, final state written to a run directory; "
         f"writing adds {100 * share:.0f} % to the time of this short run"
-    )
-    taken = [r for r in rows if r["kind"] == "cluster"]
-    whole, seconds = (
-        median([r["threads"] / r["cluster"] for r in taken]),
-        median([r["threads"] for r in taken]),
-    )
-    words += (
         f"; two processes of a local cluster reach {ratio:.2f} of the speed of two threads, "
         f"{whole:.2f} in a run of {seconds:.0f} s including start-up"
     )
-    columns = "members", "GB of memory", "seconds", "GB written"
-    return with_note(table(columns, lines), f"{words}; {_machine(machine)}.")
+    return with_note(drawn, f"{words}; {_machine(machine)}.")
 
 
 def workers(rows, machine):
     """Return a table of stubs of shards on simulated clusters."""
     words = {
-        "many": "",
-        "wide": "",
-        "lost": "one worker lost every second",
+        "many": "", "wide": "", "lost": "one worker lost every second",
         "adaptive": "started without workers, shards of 3 s",
         "restart": "scheduler lost, then resumed",
-    }
-    lines = [
-        (
-            f"{r['shards'] + r.get('before', {}).get('done', 0):,}",
-            f"{r['count']:,}",
-            words[r["kind"]] or r.get("beside", ""),
-            *(f"{r[name]['ms']:.2f}" for name in ("scheduler", "client", "workers")),
-            *(f"{r[name]['megabytes'][1]:.0f}" for name in ("scheduler", "client")),
-            f"{r['status']:.2f}",
-        )
-        for r in rows
-        if r["kind"] in words
-    ]
-    columns = ("shards", "workers", "", "ms of scheduler", "of client", "of worker",
-               "MB of scheduler", "of client", "s of status")  # fmt: skip
-    most = max((r for r in rows if r["kind"] in words), key=lambda r: r["shards"])
+    }  # fmt: skip
+    some = [row for row in rows if row["kind"] in words]
+    drawn = listed(
+        some,
+        "shards {all:,} | workers {count:,} | {how} | ms of scheduler {scheduler[ms]:.2f}"
+        " | of client {client[ms]:.2f} | of worker {workers[ms]:.2f}"
+        " | MB of scheduler {scheduler[megabytes][1]:.0f} | of client {client[megabytes][1]:.0f}"
+        " | s of status {status:.2f}",
+        all=lambda r: r["shards"] + r.get("before", {}).get("done", 0),
+        how=lambda r: words[r["kind"]] or r.get("beside", ""),
+    )
+    most = max(some, key=lambda r: r["shards"])
     note = (
         "CPU time of a task in each process, and memory at the end, of shards without work:"
         f" {1e3 / most['scheduler']['ms']:.0f} tasks a second keep one scheduler busy. All workers"
@@ -262,28 +234,24 @@ def workers(rows, machine):
         f" {most['journal.jsonl']:,} bytes at the end, and run.json {most['run.json']:,}: neither"
         f" grows with the shards. {_machine(machine)}."
     )
-    return with_note(table(columns, lines), note)
+    return with_note(drawn, note)
 
 
 def billion(rows, machine):
     """Return a table of runs of which only totals are kept."""
-    lines = [
-        (
-            f"{r['members']:,}",
-            f"{r['gigabytes']:.2f}",
-            f"{r['seconds']:,.1f}",
-            f"{r['members'] / r['seconds'] / 1e6:.1f}",
-            r.get("beside", ""),
-        )
-        for r in rows
-        if r["kind"] == "whole"
-    ]
+    drawn = listed(
+        harness.of_kind(rows, "whole"),
+        "members {members:,} | GB {gigabytes:.2f} | s {seconds:,.1f} | million/s {rate:.1f}"
+        " | {how}",
+        rate=lambda r: r["members"] / r["seconds"] / 1e6,
+        how=lambda r: r.get("beside", ""),
+    )
     rate = next(r for r in rows if r.get("what", "").startswith("rate"))
     note = (
         "Free tops for 100 steps, with a histogram, two means and a probability:"
         f" {rate['measured']:.2f} of the rate without totals. {_machine(machine)}."
     )
-    return with_note(table(("members", "GB", "s", "million/s", ""), lines), note)
+    return with_note(drawn, note)
 
 
 def reading(rows, machine):
@@ -300,31 +268,19 @@ def reading(rows, machine):
 
 def maps(rows, machine):
     """Return a table of time and memory of maps and large studies."""
-    lines = [
-        (
-            f"`rigidmc map {r['name']} --resolution {r['side']}`",
-            f"{r['side'] ** 2 * r['members']:,}",
-            f"{r['seconds']:.0f}",
-            f"{r['gigabytes']:.1f}",
-            f"{r['words']}: {r['number']:.4g}",
-        )
-        for r in rows
-        if r["kind"] == "map"
-    ]
-    lines += [
-        (
-            f"free tops to {r['t_end'] / 6.2831853:.0f} turns, flips counted",
-            f"{r['members']:,}",
-            f"{r['seconds']:.0f}",
-            f"{r['gigabytes']:.1f}",
-            "",
-        )
-        for r in rows
-        if r["kind"] == "millions"
-    ]
+    heads, lines = harness.cells_of(
+        harness.of_kind(rows, "map"),
+        " {what} | members {all:,} | s {seconds:.0f} | GB {gigabytes:.1f} | {words}: {number:.4g}",
+        what=lambda r: f"`rigidmc map {r['name']} --resolution {r['side']}`",
+        all=lambda r: r["side"] ** 2 * r["members"],
+    )
+    _, more = harness.cells_of(
+        harness.of_kind(rows, "millions"),
+        " {what} | members {members:,} | s {seconds:.0f} | GB {gigabytes:.1f} |",
+        what=lambda r: f"free tops to {r['t_end'] / 6.2831853:.0f} turns, flips counted",
+    )
     words = "Run from the shell, including compilation and the picture"
-    drawn = table(("", "members", "s", "GB", ""), lines)
-    return with_note(drawn, f"{words}; {_machine(machine)}.")
+    return with_note(table(heads, lines + more), f"{words}; {_machine(machine)}.")
 
 
 def gpu(rows, machine):
@@ -379,18 +335,14 @@ def device(rows, machine):
     steps = with_note(table(("", *names), lines), f"{words}.")
     compared = with_note(*_compared(rows, speeds))
     costs = with_note(*_derivatives_on_gpu(rows))
-    lines = [
-        (row["what"], f"{row['members']:,}", f"{row['seconds']:.1f}")
-        for row in rows
-        if row["kind"] == "whole"
-    ]
+    whole = listed(
+        harness.of_kind(rows, "whole"), " {what} | members {members:,} | s {seconds:.1f}"
+    )
     words = (
         f"Whole runs, from the call to the result, on this GPU and {machine['cores']} CPU cores,"
         " which draw the starts and gather the results"
     )
-    return "\n\n".join(
-        [steps, compared, costs, with_note(table(("", "members", "s"), lines), f"{words}.")]
-    )
+    return "\n\n".join([steps, compared, costs, with_note(whole, f"{words}.")])
 
 
 def _compared(rows, speeds):
@@ -497,7 +449,6 @@ def bits(rows, machine):
 def derivatives(rows, machine):
     """Return tables of the cost of derivatives, with their errors and heyoka's time beside it."""
     of = {word: [r for r in rows if r["kind"] == word] for word in {r["kind"] for r in rows}}
-    lines = [(row["name"], f"{row['ratio']:.1f}") for row in of["cost"]]
     times = "; ".join(f"{row['name']} {row['milliseconds']:.0f} ms" for row in of["peer"])
     ending = ", tangents over 10 s"
     errors = ", ".join(
@@ -507,21 +458,19 @@ def derivatives(rows, machine):
     )
     note = f"""4,096 heavy tops to 10 s with derivatives by their seven starts, right to 1e-9:
     {times}. Errors over 10 s: {errors}. {_machine(machine)} (`python -m bench derivatives`)."""
-    drawn = [with_note(table(("derivatives", "plain runs"), lines), " ".join(note.split()))]
-    if "call" in of:
-        lines = [(row["name"], f"{row['ms']:.2f}", f"{row['steps_ms']:.2f}") for row in of["call"]]
-        columns = "derivatives of a call", "ms", "in the steps"
-        note = "A call of a prepared run of 32 heavy tops with other values: 20 steps of rk4."
-        drawn.append(with_note(table(columns, lines), note))
-    if "first" in of:
-        lines = [(row["name"], f"{row['seconds']:.1f}") for row in of["first"]]
-        note = "rk4 with gravity in a new process with an empty cache, which compiles."
-        drawn.append(with_note(table(("", "s"), lines), note))
-    words = "integrator", "derivatives", "registers", "local", "spills", "spills in steps"
-    lines = [[row[word] for word in words] for row in of["registers"]]
-    columns = "heavy tops", *words[1:3], "local memory [B]", "spills [B]", "in the steps [B]"
-    note = "Registers of a thread, of 255 at most, and memory, for compute capability 9.0."
-    drawn.append(with_note(table(columns, lines), note))
+    tables = (
+        ("cost", "derivatives {name} | plain runs {ratio:.1f}", " ".join(note.split())),
+        ("call", "derivatives of a call {name} | ms {ms:.2f} | in the steps {steps_ms:.2f}",
+         "A call of a prepared run of 32 heavy tops with other values: 20 steps of rk4."),
+        ("first", " {name} | s {seconds:.1f}",
+         "rk4 with gravity in a new process with an empty cache, which compiles."),
+        ("registers", "heavy tops {integrator} | derivatives {derivatives} | registers {registers}"
+         " | local memory [B] {local} | spills [B] {spills} | in the steps [B] {spills in steps}",
+         "Registers of a thread, of 255 at most, and memory, for compute capability 9.0."),
+    )  # fmt: skip
+    drawn = [
+        with_note(listed(of[kind], *columns), note) for kind, *columns, note in tables if kind in of
+    ]
     return "\n\n".join(drawn)
 
 

@@ -10,7 +10,7 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 import rigidmc
-from bench.readme import ROOT
+from bench.tools.readme import ROOT
 
 PAGE, WIDTH, COLOURS = {"width": 1000, "height": 890}, 640, 96
 FRAME = 80  # ms of the page, and of the film

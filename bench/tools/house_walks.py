@@ -24,7 +24,7 @@ from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any, NamedTuple
 
-from bench.house_counts import SCENE, SCENE_BASES
+from bench.tools.house_counts import SCENE, SCENE_BASES
 
 # Names of the package, which a move may change.
 SCENES = {SCENE, *SCENE_BASES}

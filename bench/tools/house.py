@@ -58,13 +58,13 @@ import statistics
 from pathlib import Path
 from typing import NamedTuple
 
-from bench import house_counts as counts
-from bench import house_imports as imports
-from bench import house_walks as walks
-from bench.house_counts import Sources
-from bench.house_walks import Visit
+from bench.tools import house_counts as counts
+from bench.tools import house_imports as imports
+from bench.tools import house_walks as walks
+from bench.tools.house_counts import Sources
+from bench.tools.house_walks import Visit
 
-REPOSITORY = Path(__file__).parents[1]
+REPOSITORY = Path(__file__).parents[2]
 PACKAGE = "rigidmc"
 
 # {name for --list: what makes the list}

@@ -21,7 +21,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-ROOT = os.path.dirname(HERE)
+ROOT = os.path.dirname(os.path.dirname(HERE))
 FOLDERS = ("physics/dynamics", "physics/effects", "physics/integrators", "physics/observables")
 ENGINE = tuple(
     f"kernel/{name}.py"
@@ -310,7 +310,7 @@ def judged(place):
         plain, killed = {**env, "NUMBA_DISABLE_JIT": "1"}, None
         if place is None or not is_compiled(place[0]):
             code, message = _run(
-                [sys.executable, "-c", "from bench.mutants import judge; judge()"],
+                [sys.executable, "-c", "from bench.tools.mutants import judge; judge()"],
                 folder,
                 plain,
                 SECONDS,
@@ -378,7 +378,7 @@ def main():
         "--threads", type=int, default=os.cpu_count() or 1, help="mutants judged at once"
     )
     parser.add_argument(
-        "--output", default=os.path.join(HERE, "results", "mutants.json"), metavar="FILE"
+        "--output", default=os.path.join(ROOT, "bench", "results", "mutants.json"), metavar="FILE"
     )
     parser.add_argument(
         "--again", action="store_true", help="judge the survivors of FILE again, with new tests"

@@ -23,9 +23,9 @@ import tempfile
 import traceback
 import warnings
 
-from bench import texts
+from bench.tools import texts
 
-RECORD = os.path.join(os.path.dirname(os.path.abspath(__file__)), "fingerprints.json")
+RECORD = os.path.join(os.path.dirname(os.path.dirname(__file__)), "fingerprints.json")
 
 
 def texts_of(names, threads, strict=False):
@@ -34,7 +34,7 @@ def texts_of(names, threads, strict=False):
     strict : whether to raise the error that stops a kind
     """
     import rigidmc as rm
-    from bench.kinds import KINDS
+    from bench.tools.kinds import KINDS
 
     found, stopped = {}, []
     for name in names:
@@ -102,7 +102,7 @@ def read(path):
 
 def options_of(arguments):
     """Parse the options, with the kinds as `kinds`."""
-    from bench.kinds import KINDS
+    from bench.tools.kinds import KINDS
 
     parser = argparse.ArgumentParser(
         prog="python -m bench.fingerprints",

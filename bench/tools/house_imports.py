@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from bench.house_counts import (
+from bench.tools.house_counts import (
     SCENE,
     Source,
     Sources,

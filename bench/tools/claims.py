@@ -29,7 +29,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 NUMBER = re.compile(
     r"(?<![\w.,/^_\-])[-\u2212]?\d{1,3}(?:(?:,\d{3})+|\d*)(?:\.\d+)?(?:e[-+]?\d+)?"
     r"(?![\w/]|\.\d|-\w)",

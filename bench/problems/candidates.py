@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rigidmc
-from bench import baselines, tops
+from bench import baselines
 from bench.baselines import naive
+from bench.problems import tops
 from rigidmc.engine.machine import threads_available
 from rigidmc.physics.effects import Gravity
 from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, scheme_of

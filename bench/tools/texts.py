@@ -39,7 +39,7 @@ def side_by_side(width):
     inside = [module for name, module in sys.modules.items() if name.startswith("rigidmc.")]
     homes = [(module, module.lanes_for) for module in inside if hasattr(module, "lanes_for")]
     if not homes:
-        raise RuntimeError("no module of rigidmc has `lanes_for`: fix bench/texts.py")
+        raise RuntimeError("no module of rigidmc has `lanes_for`: fix bench/tools/texts.py")
     asked = []
     try:
         for home, _ in homes:

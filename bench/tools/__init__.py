@@ -1,0 +1,1 @@
+"""Tools of maintainers: counts, fingerprints, mutants, claims, tables and pictures of pages."""
