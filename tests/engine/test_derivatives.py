@@ -151,19 +151,3 @@ def test_every_integrator_and_kind_of_run_keeps_its_bits(name, case):
     again, again_end = moved(run, change, at_once=1)  # in two passes
     assert np.array_equal(saves, again, equal_nan=True)
     assert np.array_equal(end, again_end, equal_nan=True)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-def test_every_integrator_has_the_derivatives_of_differences(name):
-    """Central differences are right to 2e-9; the worst integrator (aba1064) is 1.9e-9 off."""
-    run = prepared(name)
-    change = directions(run)[:1]
-    saves, _ = moved(run, change)
-    start = run.initial(0, MEMBERS)[0]
-    ends = []
-    for sign in (1e-6, -1e-6):
-        run.initial = lambda first, count, sign=sign: (start + sign * change[0], {})
-        ends.append(moved(run)[0][:, :, 0])
-    difference = (ends[0] - ends[1]) / 2e-6
-    assert np.abs(saves[:, :, 1] - difference).max() < 1e-8 * np.abs(difference).max()

@@ -2,8 +2,8 @@
 
 Euler's equations with the full tensor, in complex numbers, by scipy: the imaginary part of the end
 for a number x + 1e-30 i is its derivative, without differences. Quantiles come from scipy and
-mpmath. Widths, bounds and mixtures of distributions, columns of tables, sizes of solids; and event
-times that graze, come at a save, or never come.
+mpmath. Widths, bounds and mixtures of distributions; and event times that graze, come at a save, or
+never come.
 """
 
 import math
@@ -211,96 +211,6 @@ def test_parameters_of_mixtures(by_omega):
                 continue
             by = moved_quantile(normal_quantile, u, parts[i], key)
             assert off(found[j, :, k], by * by_omega(x)) < 1e-13, (i, key, x)  # measured 9.2e-15
-
-
-@pytest.mark.slow
-def test_columns_of_tables():
-    rng = np.random.default_rng(5)
-    spins, weights = rng.normal(2.0, 0.5, (4, 3)), rng.uniform(5.0, 12.0, 4)
-    tensors = np.array(TENSOR) + 0.05 * (a := rng.normal(size=(4, 3, 3))) + 0.05 * a.swapaxes(1, 2)
-    scene = heavy(omega=spins, g=weights, tensor=tensors)
-    elements = {f"body.tensor.{i + 1}.{j + 1}": (i, j) for i in range(3) for j in range(i, 3)}
-    others = {f"start.omega.{i + 1}": ("omega", i) for i in range(3)} | {
-        "effects.gravity.g": ("g",), "body.mass": ("mass",),
-        **{f"body.centre.{i + 1}": ("centre", i) for i in range(3)},
-    }  # fmt: skip
-    marks = {name: ("tensor", *place) for name, place in elements.items()} | others
-    _, found = derivatives(scene, tuple(marks), members=4)
-    for k in range(4):
-        row = {"omega": spins[k], "g": weights[k], "tensor": tensors[k]}
-        for j, (name, (field, *place)) in enumerate(marks.items()):
-            values = HEAVY | row
-            whole = np.array(values[field], dtype=complex)
-            for at in {tuple(place), tuple(place[::-1])}:
-                whole[at] += 1j * STEP
-            expected = by_complex_step(values | {field: whole})
-            assert off(found[j, :, k], expected) < 1e-13, (name, k)  # measured 1.0e-14
-
-
-def diagonal(m, x, y, z):
-    return m * np.diag(np.array([x, y, z], dtype=complex))
-
-
-SOLIDS = {
-    # {solid: (sizes, function of them: mass, centre, tensor about the origin)}
-    "box": (
-        {"mass": 2.0, "size": (0.3, 0.5, 0.7)},
-        lambda mass, size: (mass, (0, 0, 0), diagonal(
-            mass / 12, size[1] ** 2 + size[2] ** 2, size[2] ** 2 + size[0] ** 2,
-            size[0] ** 2 + size[1] ** 2)),
-    ),
-    "cylinder": (
-        {"mass": 2.0, "radius": 0.3, "height": 0.9},
-        lambda mass, radius, height: (mass, (0, 0, 0), diagonal(
-            mass, radius**2 / 4 + height**2 / 12, radius**2 / 4 + height**2 / 12, radius**2 / 2)),
-    ),
-    "hollow_cylinder": (
-        {"mass": 2.0, "inner": 0.3, "outer": 0.5, "height": 0.8},
-        lambda mass, inner, outer, height: (mass, (0, 0, 0), diagonal(
-            mass, (inner**2 + outer**2) / 4 + height**2 / 12,
-            (inner**2 + outer**2) / 4 + height**2 / 12, (inner**2 + outer**2) / 2)),
-    ),
-    "cone": (
-        {"mass": 2.0, "radius": 0.3, "height": 0.9},
-        lambda mass, radius, height: (mass, (0, 0, 0.75 * height), diagonal(
-            0.6 * mass, radius**2 / 4 + height**2, radius**2 / 4 + height**2, radius**2 / 2)),
-    ),
-    "ellipsoid": (
-        {"mass": 2.0, "semiaxes": (0.3, 0.5, 0.6)},
-        lambda mass, semiaxes: (mass, (0, 0, 0), diagonal(
-            mass / 5, semiaxes[1] ** 2 + semiaxes[2] ** 2, semiaxes[2] ** 2 + semiaxes[0] ** 2,
-            semiaxes[0] ** 2 + semiaxes[1] ** 2)),
-    ),
-}  # fmt: skip
-
-
-def about_pivot(mass, centre, tensor, pivot):
-    """Mass, centre and tensor about a point, by the parallel-axis theorem."""
-    old = np.array(centre, dtype=complex)
-    new = old - np.array(pivot)
-    for sign, arm in ((-1.0, old), (1.0, new)):
-        tensor = tensor + sign * mass * (sum(arm * arm) * np.eye(3) - np.outer(arm, arm))
-    return {"mass": mass, "centre": new, "tensor": tensor}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("pivot", [(0.0, 0.0, -0.4), (0.05, 0.12, -0.2)])
-@pytest.mark.parametrize("name", SOLIDS)
-def test_sizes_of_solids(name, pivot):
-    sizes, make = SOLIDS[name]
-    body = rm.Body.solid(name, **sizes).with_pivot(pivot)
-    places = [
-        (key, i) for key, x in sizes.items() for i in (range(len(x)) if np.ndim(x) else (None,))
-    ]
-    names = [f"body.{name}.{key}" + ("" if i is None else f".{i + 1}") for key, i in places]
-    scene = rm.Scene(body, rm.Gravity(G), rm.Start(omega=OMEGA, attitude=ANGLES))
-    _, found = derivatives(scene, tuple(names))
-    for j, (key, i) in enumerate(places):
-        size = np.array(sizes[key], dtype=complex)
-        size[() if i is None else i] += 1j * STEP
-        whole = about_pivot(*make(**sizes | {key: size}), pivot)
-        expected = by_complex_step(HEAVY | whole)
-        assert off(found[j, :, 0], expected) < 5e-11, names[j]  # measured 4.7e-12
 
 
 WRT = {
