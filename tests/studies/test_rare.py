@@ -12,6 +12,7 @@ from rigidmc.errors import FileError, NoRoom, OptionError, SceneWarning
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.segments import SegmentedRun
 from rigidmc.studies.framework import tasks
+from rigidmc.studies.framework.variables import describe
 from rigidmc.studies.rare import splitting, subsets
 from rigidmc.studies.rare.picture import rare_curve
 from rigidmc.studies.rare.score import make_score
@@ -120,10 +121,10 @@ def test_nothing_found_is_no_zero():
     gone = {i: {**one, "flagged": 0, "deep": False} for i in range(4)}
     designed, request = rare.design(spun(), "p(omega_max[3] >= 4)", 1e-9, 100, 4)
     designed = prepare_scene(designed)
-    died = reduce(designed, request, gone, RareOptions())
+    died = describe(reduce(designed, request, gone, RareOptions()), designed.scene)
     assert float(died.p_high) > 3.0 / 400.0 and "came no nearer" in table(died)[2]
     gone[0] = {**gone[0], "p": 1e-3}
-    some = reduce(designed, request, gone, RareOptions())
+    some = describe(reduce(designed, request, gone, RareOptions()), designed.scene)
     assert "3 of 4 repetitions found no path" in table(some)[2]
 
 
@@ -225,7 +226,7 @@ def test_members_without_room_are_refused():
 def test_members_may_branch_at_the_end():
     """Parents that pass a level in the last part of the run: their copies have nothing to go."""
     scene, score = make_score(bathed(), f"p(omega_max[3] >= {LEVEL:.17g})")
-    paths = splitting.SplittingPaths(SegmentedRun(scene, 8, 1), score, 40, 1)
+    paths = splitting.SplittingPaths(SegmentedRun(scene.with_run(seed=1), 8, 1), score, 40)
     paths.scores[:-1], paths.scores[-1] = -1.0, 1.0
     paths.branch(np.array([0, 1]), np.array([5, 6]), 0.5)
     assert np.array_equal(paths.states[:, :2], paths.states[:, 5:7])

@@ -7,6 +7,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from rigidmc.results.labels import in_degrees, in_symbols, with_units
+from rigidmc.studies.framework.variables import interval_of
 from rigidmc.views.figures import CORE, INK, LIGHT, figure_of, legend_above, new_figure
 
 
@@ -30,7 +31,7 @@ def rare_curve(study: xr.Dataset, figure: Figure | None = None) -> Figure:
             x, y = np.append(x, goal), np.append(y, p)
         label = "repetitions" if row == 0 else None
         axes.plot(x, y, color=CORE, lw=0.7, alpha=0.6, label=label)
-    p, low, high = (float(study[name]) for name in ("p", "p_low", "p_high"))
+    p, low, high = interval_of(study, "p")
     if p > 0.0:
         ends = [[p - max(low, 0.01 * p)], [high - p]]
         axes.errorbar(

@@ -100,19 +100,18 @@ def make_score(scene: Scene, of: str) -> tuple[Scene, Score]:
     if asked.kind != "p" or asked.given is not None or asked.relation == "==":
         raise OptionError(f"is not an event: give it {WHOLE}", at="of", value=of)
     recorded = scene.recording
-    watched = [(label, one) for label, one in recorded.monitored if isinstance(one, Event)]
-    at_times = set(recorded.names)
-    keeps = tuple(name for name in scene.run.save if name not in at_times)
+    events = [(label, event) for label, event in recorded.monitored if isinstance(event, Event)]
+    keeps = tuple(name for name in scene.run.save if name not in recorded.names)
     scene = scene.with_run(save=keeps, first=0, every=None)
     more, strict = asked.relation[0] == ">", len(asked.relation) == 1
-    for i, (label, one) in enumerate(watched):
-        for name, kind in zip(outputs(label, one), roles_of(one), strict=True):
+    for i, (label, event) in enumerate(events):
+        for name, kind in zip(outputs(label, event), roles_of(event), strict=True):
             if name == asked.result.name and kind == "count" and more:
                 # a score between n and n + 1 has n of them
                 goal = math.floor(asked.number) + 1.0 if strict else math.ceil(asked.number) + 0.0
                 return scene, Score(of, asked.result, 1.0, goal, False, i)
             if name == asked.result.name and kind == "first" and not more:
-                if getattr(one, "hold", 0.0):
+                if getattr(event, "hold", 0.0):
                     rule = f"a stay that begins by then may end later; use p({label}s >= 1)"
                     raise OptionError(rule, at="of", value=of)
                 return _until(scene, of, asked.number), Score(of, asked.result, 1.0, 1.0, False, i)
@@ -122,7 +121,12 @@ def make_score(scene: Scene, of: str) -> tuple[Scene, Score]:
     sign = 1.0 if more else -1.0
     if asked.result.timed:
         _until(scene, of, asked.number)
-    _refuse_unwatched(scene, of, asked.result.name)
+    pairs = scene.recording.monitored
+    monitored = [word for label, observable in pairs for word in outputs(label, observable)]
+    if asked.result.name not in monitored:
+        words = ", ".join(monitored) or "nothing"
+        rule = f"is not monitored at every step; monitored: {words}"
+        raise OptionError(rule, at="of", value=of)
     return scene, Score(of, asked.result, sign, sign * asked.number, strict)
 
 
@@ -137,11 +141,3 @@ def _until(scene: Scene, of: str, end: float) -> Scene:
         rule = f"the run ends at t_end = {scene.run.t_end:g} s: give a later t_end"
         raise OptionError(rule, at="of", value=of)
     return scene.with_run(t_end=end)
-
-
-def _refuse_unwatched(scene: Scene, of: str, name: str) -> None:
-    """Raise OptionError for a quantity that is not monitored at every step."""
-    known = [word for label, one in scene.recording.monitored for word in outputs(label, one)]
-    if name not in known:
-        rule = f"is not monitored at every step; monitored: {', '.join(known) or 'nothing'}"
-        raise OptionError(rule, at="of", value=of)

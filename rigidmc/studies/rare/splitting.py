@@ -10,7 +10,6 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.streams import uniforms
 from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.segments import SegmentedRun
-from rigidmc.scene.scene import Scene
 from rigidmc.studies.rare.score import Score
 
 Array = NDArray[np.float64]
@@ -50,18 +49,16 @@ class SplittingPaths:
     """
 
     def __init__(
-        self, moving: SegmentedRun, score: Score, count: int, seed: int, rows: int | None = None
+        self, moving: SegmentedRun, score: Score, count: int, rows: int | None = None
     ) -> None:
         self.moving, self.score = moving, score
         self.steps, self.used = 0.0, count
-        parts = moving.ends.size - 1
+        parts, seed = moving.ends.size - 1, moving.plan.run.seed
         # the states of all parts, and a copy of them
         each = 2 * 8 * (parts + 1) * moving.start(seed, 1).shape[0]
         refuse_count(count, "members", each, FEWER)
-        own = None
-        if rows is not None:
-            own = row_of(moving.plan.run.first, rows, even_shares(seed, count))
-        block = moving.start(seed, count, own)
+        each_row = None if rows is None else row_of(moving, rows, even_shares(seed, count))
+        block = moving.start(seed, count, each_row)
         self.states = np.empty((parts + 1, count, block.shape[0]))
         self.states[0] = block[:, :count].T
         self.scores = np.full((parts + 1, count), -np.inf)
@@ -105,26 +102,17 @@ class SplittingPaths:
 
 def even_shares(seed: int, count: int) -> Array:
     """Return random numbers in (0, 1), one in each of `count` equal intervals."""
-    shares: Array = (np.arange(count) + uniforms(seed, "rare.rows", 0, count, 0)[0]) / count
-    return shares
+    return np.asarray((np.arange(count) + uniforms(seed, "rare.rows", 0, count, 0)[0]) / count)
 
 
-def row_of(first: int, rows: int, share: Array) -> Indices:
-    """Return the members at the fractions `share`, numbers in (0, 1), of `rows` rows from index
-    `first` on."""
-    found: Indices = first + np.minimum((share * rows).astype(np.int64), rows - 1)
-    return found
+def row_of(moving: SegmentedRun, rows: int, share: Array) -> Indices:
+    """Return the members at the fractions `share`, numbers in (0, 1), of the first `rows` members
+    of a scene."""
+    return np.asarray(moving.plan.run.first + np.minimum((share * rows).astype(int), rows - 1))
 
 
 def split(
-    scene: Scene,
-    score: Score,
-    members: int,
-    target: float,
-    threads: int,
-    device: str | None,
-    rows: int | None,
-    seed: int,
+    moving: SegmentedRun, score: Score, members: int, target: float, rows: int | None
 ) -> SplittingResult:
     """Estimate the probability of an event by adaptive multilevel splitting.
 
@@ -140,8 +128,7 @@ def split(
     Source: Cerou & Guyader, Stoch. Anal. Appl. 25 (2007) 417; Brehier, Gazeau, Goudenege, Lelievre
     & Rousset, Ann. Appl. Probab. 26 (2016) 3559.
     """
-    moving = SegmentedRun(scene.with_run(seed=seed), PARTS, threads, device)
-    paths = SplittingPaths(moving, score, members, seed, rows)
+    paths = SplittingPaths(moving, score, members, rows)
     share, levels, shares, flagged = 1.0, list[float](), list[float](), 0
     for number in range(MOST):
         last = paths.scores[-1]
@@ -157,7 +144,7 @@ def split(
             break
         flagged += int((paths.states[-1, ended, layout.STATUS] > 0.0).sum())
         alive = np.flatnonzero(np.isin(np.arange(members), ended, invert=True))
-        chosen = uniforms(seed, "rare.parents", 0, ended.size, number)[0]
+        chosen = uniforms(moving.plan.run.seed, "rare.parents", 0, ended.size, number)[0]
         paths.branch(ended, alive[(chosen * alive.size).astype(int)], float(level))
     p = 0.0 if share < target else share * float(reached.mean())
     return SplittingResult(

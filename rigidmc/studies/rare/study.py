@@ -21,13 +21,7 @@ end is that of the same number of plain members without the event.
 
 {parameters}
 
-Returns
--------
-xarray.Dataset
-    `p` with the ends `p_low` and `p_high` of its interval; over repetition `probability`,
-    `member_steps`, `flagged`, whether it is `below_target`, and whether it is `stuck`; over
-    repetition and level `score` and `share`, the probability of scoring more; `gain`:
-    member-steps of plain sampling for the same interval, divided by the member-steps of this study
+{returns}
 
 Raises
 ------
@@ -46,14 +40,13 @@ A disc thrown with a normal spin is 5 standard deviations fast with p = 2.9e-7:
 >>> start = rm.Start(omega=(0.0, 0.0, rm.normal(0.0, 1.0)))
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
 >>> run = {"dt": 0.1, "t_end": 0.1, "members": 200, "repetitions": 8}
->>> found = rm.rare(scene, "p(omega_max[3] >= 5)", **run)
->>> bool(found.p_low < 2.87e-7 < found.p_high), bool(found.gain > 300)
+>>> study = rm.rare(scene, "p(omega_max[3] >= 5)", **run)
+>>> bool(study.p_low < 2.87e-7 < study.p_high), bool(study.gain > 300)
 (True, True)
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -70,13 +63,15 @@ from rigidmc.results.variables import variables_of
 from rigidmc.runs.directory.tasks import Request, TaskArrays
 from rigidmc.runs.prepare import PreparedRun
 from rigidmc.runs.resources import refuse_count
+from rigidmc.runs.segments import SegmentedRun
 from rigidmc.scene.sampling import is_indexed, rows_to_run
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.intervals import mean_of_skew, probability
 from rigidmc.studies.framework.options import Example, Options, confidence_option, option
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.framework.tasks import Tasks
-from rigidmc.studies.rare.score import Score, is_noisy, make_score
+from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
+from rigidmc.studies.rare.score import is_noisy, make_score
 from rigidmc.studies.rare.splitting import FEWER, KILLED, PARTS, split
 from rigidmc.studies.rare.subsets import KEPT, descend
 
@@ -84,6 +79,24 @@ WIDE = 1.0  # spread of the repetitions / their mean, above which the interval c
 LEAST = 20  # members of a repetition: two of them pass a level
 REPETITION = 4096  # bytes of the result of one, with its levels
 METHODS = {True: "adaptive multilevel splitting", False: "subset simulation"}  # by is_noisy
+VARIABLES = (
+    StudyVariable("p", "", "1", "probability of {of}", has_interval=True),
+    StudyVariable(
+        "gain", "", "1", "member-steps of plain sampling for the same interval / of this study"
+    ),
+    StudyVariable("probability", "repetition", "1", "estimate of the repetition"),
+    StudyVariable("member_steps", "repetition", "1", "steps of all members of the repetition"),
+    StudyVariable("flagged", "repetition", "1", "flagged members"),
+    StudyVariable(
+        "below_target", "repetition", "1", "whether it stopped at the target, before the event"
+    ),
+    StudyVariable(
+        "stuck", "repetition", "1",
+        "whether it stopped before the event and the target: no member came nearer",
+    ),
+    StudyVariable("score", "repetition level", str, "level that members must pass"),
+    StudyVariable("share", "repetition level", "1", "probability of passing the level"),
+)  # fmt: skip
 
 
 class RareOptions(Options):
@@ -159,15 +172,16 @@ def compute_repetitions(
 ) -> list[TaskArrays]:
     """Compute repetitions and return their results."""
     moved, score = make_score(run.scene, request["of"])
-    given = moved, score, request["members"], request["target"], threads, device
-    way = split if is_noisy(moved) else partial(descend, parts=_parts(score))
-    rows, seed = request.get("rows"), run.scene.run.seed
-    return [way(*given, rows=rows, seed=seed + number).numbers() for number in numbers]
-
-
-def _parts(score: Score) -> int:
-    """Return the number of score evaluations of a member without noise: several for an event."""
-    return 1 if score.event is None else PARTS
+    is_split, seed = is_noisy(moved), run.scene.run.seed
+    # without noise, a member has several score evaluations only for an event
+    parts = PARTS if is_split or score.event is not None else 1
+    results = []
+    for number in numbers:
+        # another scene: that of the event, with a seed for each repetition
+        moving = SegmentedRun(moved.with_run(seed=seed + number), parts, threads, device)
+        asked = score, request["members"], request["target"], request.get("rows")
+        results.append((split if is_split else descend)(moving, *asked).numbers())
+    return results
 
 
 def missing_repetitions(
@@ -181,42 +195,28 @@ def reduce(
     run: PreparedRun, request: Request, found: dict[int, TaskArrays], options: RareOptions
 ) -> xr.Dataset:
     """Return the Dataset of the finished repetitions."""
-    scene, confidence = run.scene, options.confidence
-    numbers = sorted(found)
-    p = np.array([float(found[i]["p"]) for i in numbers])
-    steps = np.array([float(found[i]["steps"]) for i in numbers])
-    deep = np.array([bool(found[i]["deep"]) for i in numbers])
+    scene, confidence, numbers = run.scene, options.confidence, sorted(found)
+    rows = [found[i] for i in numbers]
+    p, steps = (np.array([float(row[name]) for row in rows]) for name in ("p", "steps"))
+    deep = np.array([bool(row["deep"]) for row in rows])
     value, low, high = _interval(p, deep, request, confidence)
-    depth = max(found[i]["levels"].size for i in numbers)
-    over = "repetition", "level"
+    depth = max(row["levels"].size for row in rows)
+    levels, shares = np.full((2, len(rows), depth), np.nan)
+    for row, level, share in zip(rows, levels, shares, strict=True):
+        level[: row["levels"].size], share[: row["shares"].size] = row["levels"], row["shares"]
     moved, score = make_score(scene, request["of"])
-    columns = {
-        name: _padded([found[i][name] for i in numbers], depth) for name in ("levels", "shares")
+    values = {
+        "p": (value, low, high),
+        "gain": _gain(run.plan.grid.steps, value, 0.5 * (high - low), steps.sum(), confidence),
+        "probability": p,
+        "member_steps": steps,
+        "flagged": [int(row["flagged"]) for row in rows],
+        "below_target": deep,
+        "stuck": (p == 0.0) & ~deep,
+        "score": score.sign * levels,
+        "share": shares,
     }
-    words = {
-        "p": ((), value, f"probability of {request['of']}"),
-        "p_low": ((), low, "lower end of its interval"),
-        "p_high": ((), high, "upper end of its interval"),
-        "gain": ((), _gain(run.plan.grid.steps, value, 0.5 * (high - low), steps.sum(), confidence),
-                 "member-steps of plain sampling for the same interval / of this study"),
-        "probability": (over[:1], p, "estimate of the repetition"),
-        "member_steps": (over[:1], steps, "steps of all members of the repetition"),
-        "flagged": (over[:1], [int(found[i]["flagged"]) for i in numbers], "flagged members"),
-        "below_target": (over[:1], deep, "whether it stopped at the target, before the event"),
-        "stuck": (over[:1], (p == 0.0) & ~deep,
-                  "whether it stopped before the event and the target: no member came nearer"),
-        "score": (over, score.sign * columns["levels"], "level that members must pass"),
-        "share": (over, columns["shares"], "probability of passing the level"),
-    }  # fmt: skip
-    variables = {
-        name: (dims, values, {"long_name": text, "units": "1"})
-        for name, (dims, values, text) in words.items()
-    }
-    if score.event is None:  # the score is a quantity of the motion, with its units
-        known = variables_of(moved)[score.result.name].attrs
-        variables["score"][2]["units"] = known.get("units", "1")
     attrs = {
-        "title": scene.title,
         "of": request["of"],
         "method": METHODS[is_noisy(scene)],
         "target": request["target"],
@@ -225,9 +225,11 @@ def reduce(
         "goal": score.sign * score.goal,
         "graded": "score" if score.event is not None else score.result.name,
         "confidence": confidence,
-        "scene": scene.dumps(),
     }
-    return xr.Dataset(variables, {"repetition": numbers}, attrs)
+    units = "1"
+    if score.event is None:  # the score is a quantity of the motion, with its units
+        units = variables_of(moved)[score.result.name].attrs.get("units", "1")
+    return make_dataset(VARIABLES, values, {"repetition": numbers}, attrs, units)
 
 
 def _interval(
@@ -245,14 +247,6 @@ def _interval(
         members = request["members"] * p.size
         high = max(high, float(probability(0, members, confidence, "clopper-pearson").high))
     return value, max(low, 0.0), min(high, 1.0)
-
-
-def _padded(rows: list[NDArray[np.float64]], size: int) -> NDArray[np.float64]:
-    """Return rows of different lengths as an array, padded with nan."""
-    whole = np.full((len(rows), size), np.nan)
-    for row, values in zip(whole, rows, strict=True):
-        row[: values.size] = values
-    return whole
 
 
 def _gain(each: int, p: float, half: float, steps: float, confidence: float) -> float:
@@ -287,7 +281,7 @@ def _stuck(study: xr.Dataset) -> list[str]:
 
 def table(study: xr.Dataset) -> list[str]:
     """Return the study as lines of text."""
-    p, low, high = (float(study[name]) for name in ("p", "p_low", "p_high"))
+    p, low, high = interval_of(study, "p")
     done, wanted = study.sizes["repetition"], int(study.attrs["wanted"])
     lines = [study.attrs["title"]]
     if study.below_target.values.all():
@@ -333,6 +327,7 @@ rare = Study(
         doubts=doubts,
     ),
     table=table,
+    variables=VARIABLES,
     picture="rare_curve",
     settings=("integrator", "dt", "t_end", "tolerance", "seed", "dtype", "compensated"),
     source="the run directory of an existing study",

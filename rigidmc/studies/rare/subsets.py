@@ -10,7 +10,6 @@ from rigidmc.engine.streams import uniforms
 from rigidmc.planning.initial import random_dimensions
 from rigidmc.runs.segments import SegmentedRun
 from rigidmc.scene.sampling import FixedPoints, RandomDimension
-from rigidmc.scene.scene import Scene
 from rigidmc.studies.rare.score import Score
 from rigidmc.studies.rare.splitting import SplittingResult, even_shares, row_of
 
@@ -29,15 +28,16 @@ class ScoredMembers:
     rows : number of rows, None without grids and tables
     """
 
-    def __init__(self, moving: SegmentedRun, score: Score, seed: int, rows: int | None) -> None:
-        self.moving, self.score, self.seed, self.rows = moving, score, seed, rows
+    def __init__(self, moving: SegmentedRun, score: Score, rows: int | None) -> None:
+        self.moving, self.score, self.rows = moving, score, rows
         self.dimensions: tuple[RandomDimension, ...] = random_dimensions(moving.plan.model)
-        self.steps, self.flagged, self._indices = 0.0, 0, np.empty(0, np.int64)
+        self.steps, self.flagged = 0.0, 0
 
     def normals(self, count: int, name: str, number: int) -> Array:
         """Return independent deviates (d, count), a function of seed, name and number."""
         d = len(self.dimensions) + (self.rows is not None)
-        draws = [uniforms(self.seed, f"{name}.{number}", 0, count, i) for i in range(-(-d // 4))]
+        seed, name = self.moving.plan.run.seed, f"{name}.{number}"
+        draws = [uniforms(seed, name, 0, count, i) for i in range(-(-d // 4))]
         deviates: Array = ndtri(np.concatenate(draws)[:d])
         return deviates
 
@@ -46,7 +46,7 @@ class ScoredMembers:
         moving, count = self.moving, z.shape[1]
         shares, rows = ndtr(z), None
         if self.rows is not None:
-            rows = row_of(moving.plan.run.first, self.rows, shares[-1])
+            rows = row_of(moving, self.rows, shares[-1])
         block = moving.start(FixedPoints(self.dimensions, shares), count, rows)[:, :count]
         members = np.zeros(count, np.int64)
         times, off = np.full(count, -np.inf), np.full(count, np.inf)
@@ -67,15 +67,7 @@ class ScoredMembers:
 
 
 def descend(
-    scene: Scene,
-    score: Score,
-    members: int,
-    target: float,
-    threads: int,
-    device: str | None,
-    rows: int | None,
-    seed: int,
-    parts: int,
+    moving: SegmentedRun, score: Score, members: int, target: float, rows: int | None
 ) -> SplittingResult:
     """Estimate the probability of an event by subset simulation.
 
@@ -90,14 +82,11 @@ def descend(
     product of the kept fractions has a bias of the order 1/n, since levels and walks share members.
     Source: Au & Beck, Probab. Eng. Mech. 16 (2001) 263; Papaioannou, Betz, Zwirglmaier & Straub,
     Probab. Eng. Mech. 41 (2015) 89.
-
-    parts : of the run; the score of an event is evaluated after each
     """
-    moving = SegmentedRun(scene.with_run(seed=seed), parts, threads, device)
-    made = ScoredMembers(moving, score, seed, rows)
+    made = ScoredMembers(moving, score, rows)
     z = made.normals(members, "rare.start", 0)
     if rows is not None:
-        z[-1] = ndtri(even_shares(seed, members))
+        z[-1] = ndtri(even_shares(moving.plan.run.seed, members))
     scores, share, pace = made.scores(z), 1.0, 1.0
     levels, shares = list[float](), list[float]()
     for number in range(MOST):
