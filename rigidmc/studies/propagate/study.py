@@ -19,12 +19,7 @@ Source: Battin, An Introduction to the Mathematics and Methods of Astrodynamics 
 
 {parameters}
 
-Returns
--------
-xarray.Dataset
-    over time, row and column: `covariance` and `sample_covariance`; over time and row: `bias`, the
-    mean deviation of the ensemble, and `missed`; `jacobian` over time, row and parameter,
-    `parameter_covariance`, and `sample`, deviations of the first members at some saves
+{returns}
 
 Raises
 ------
@@ -40,8 +35,8 @@ The angle of a disc about its axis has the variance of the angular velocity time
 
 >>> start = rm.Start(omega=(rm.normal(0.0, 0.01), 0.0, rm.normal(1.0, 0.01)))
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
->>> found = rm.propagate(scene, integrator="exact", t_end=10.0, every=5.0, members=64)
->>> last = found.covariance.isel(time=-1).sel(row="attitude[3]", column="attitude[3]")
+>>> study = rm.propagate(scene, integrator="exact", t_end=10.0, every=5.0, members=64)
+>>> last = study.covariance.isel(time=-1).sel(row="attitude[3]", column="attitude[3]")
 >>> round(float(last), 9)
 0.01
 """
@@ -59,7 +54,7 @@ from rigidmc.planning.saves import first_and_last
 from rigidmc.processes.progress import reporter
 from rigidmc.results.labels import count_text, with_units
 from rigidmc.runs.prepare import prepare_scene
-from rigidmc.runs.simulate import prepare, simulate
+from rigidmc.runs.simulate import prepare
 from rigidmc.scene.derivatives import derivative_name, parameters_of_run
 from rigidmc.scene.parameters import END, units_at, value_at
 from rigidmc.scene.scene import Scene
@@ -68,6 +63,7 @@ from rigidmc.statistics.intervals import ULPS, resolution_of
 from rigidmc.studies.framework.members import TUNING, refuse_noise, start_numbers
 from rigidmc.studies.framework.options import Example, Names, Numbers, Options, option
 from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 from rigidmc.studies.framework.work import Direct
 from rigidmc.studies.propagate.covariance import (
     at_means,
@@ -81,6 +77,20 @@ BATCH = 1024  # members computed at once; sums over them do not depend on thread
 KEPT = 1000  # most members of which deviations are kept, for the picture
 PANELS = 4  # saves at which they are kept
 LINEAR = 0.05  # fraction missed up to which the motion counts as linear
+VARIABLES = (
+    StudyVariable("covariance", "time row column", "", "linear covariance, units of both rows"),
+    StudyVariable("sample_covariance", "time row column", "", "covariance of the ensemble"),
+    StudyVariable(
+        "bias", "time row", "", "mean deviation of the ensemble from the nominal member"
+    ),
+    StudyVariable("missed", "time row", "1", "fraction of the mean square that linearity misses"),
+    StudyVariable("jacobian", "time row parameter", "", "derivative of the row"),
+    StudyVariable("parameter_covariance", "parameter other", "", "covariance of the parameters"),
+    StudyVariable(
+        "sample", "sample_time row sample_member", "", "deviations of members",
+        "of the first ones, at some saves",
+    ),
+)  # fmt: skip
 
 
 class PropagateOptions(Options):
@@ -133,67 +143,57 @@ class Input(NamedTuple):
     nominal: Scene
     names: tuple[str, ...]
     covariance: Array
-    scene: Scene | None
+    scene: Scene | None = None
 
 
 def input_of(scene: Scene, options: PropagateOptions) -> Input:
     """Return what is propagated; SceneError, OptionError."""
     refuse_noise(scene)
     scene = scene.with_run(save=options.of, keep="full", members=options.members, first=0)
-    given = options.covariance is not None or options.deviations is not None
-    nominal = at_means(scene)
-    if not given:
+    covariance, deviations, nominal = options.covariance, options.deviations, at_means(scene)
+    if covariance is None and deviations is None:
         if options.wrt is not None:
             rule = "names the parameters of a covariance: give `covariance` or `deviations`, too"
             raise OptionError(rule, at="wrt", value=",".join(options.wrt))
         names, covariance = of_distributions(scene)
-        return Input(nominal, _known(nominal, names), covariance, scene)
+        return Input(nominal, parameters_of_run(nominal.model, names), covariance, scene)
     if not options.wrt:
         raise OptionError("is missing: it names the parameters of the covariance", at="wrt")
-    if options.covariance is not None and options.deviations is not None:
+    if covariance is not None and deviations is not None:
         rule = "is given beside `covariance`: give one of them"
-        raise OptionError(rule, at="deviations", value=list(options.deviations))
-    chosen = _known(nominal, list(options.wrt))
+        raise OptionError(rule, at="deviations", value=list(deviations))
+    chosen = parameters_of_run(nominal.model, list(options.wrt))
     if END in chosen:
         rule = "has one value for all members: no ensemble has it as a random number"
         raise OptionError(rule, at="wrt", value=END)
-    if options.deviations is None:
-        return Input(nominal, chosen, checked_covariance(options.covariance, len(chosen)), None)
-    if len(options.deviations) != len(chosen) or not min(options.deviations) >= 0.0:
+    if deviations is None:
+        return Input(nominal, chosen, checked_covariance(covariance, len(chosen)))
+    if len(deviations) != len(chosen) or not min(deviations) >= 0.0:
         many = count_text(len(chosen), "number")
         rule = f"expected {many} of at least 0, one for each of {', '.join(chosen)}"
-        raise OptionError(rule, at="deviations", value=list(options.deviations))
-    return Input(nominal, chosen, np.diag(np.square(options.deviations)), None)
+        raise OptionError(rule, at="deviations", value=list(deviations))
+    return Input(nominal, chosen, np.diag(np.square(deviations)))
 
 
-def _known(nominal: Scene, names: list[str]) -> tuple[str, ...]:
-    """Return the parameters, vectors by component; SceneError for one without a derivative."""
-    return parameters_of_run(nominal.model, names)
-
-
-def ensemble_of(given: Input, members: int, threads: int | None) -> "Iterator[tuple[Array, Any]]":
+def ensemble_of(given: Input, threads: int | None) -> "Iterator[tuple[Array, Any]]":
     """Yield (deviations of the parameters (P, n), result) of the members, BATCH at a time."""
-    if given.scene is not None:
-        run = prepare_scene(given.scene)
-        means = np.array([_number(given.nominal, name) for name in given.names])
-        for low in range(0, members, BATCH):
-            part = run.run(members=range(low, min(low + BATCH, members)), threads=threads)
-            drawn = np.stack([start_numbers(part, name)[0] for name in given.names])
-            yield drawn - means[:, None], part
-        return
-    run = prepare(given.nominal, varied=given.names)
-    away = draw_normal(given.covariance, members, given.nominal.run.seed)
+    means = {name: float(value_at(given.nominal.model, name)) for name in given.names}
+    members, seed = given.nominal.run.members, given.nominal.run.seed
+    if given.scene is None:
+        run = prepare(given.nominal, varied=given.names)
+        drawn = draw_normal(given.covariance, members, seed)
+    else:
+        run = prepare_scene(given.scene)  # another scene: it draws from its own distributions
     for low in range(0, members, BATCH):
-        some = away[:, low : low + BATCH]
-        values = {
-            name: _number(given.nominal, name) + x
-            for name, x in zip(given.names, some, strict=True)
-        }
-        yield some, run.run(values=values, threads=threads)
-
-
-def _number(scene: Scene, name: str) -> float:
-    return float(value_at(scene.model, name))
+        some = range(low, min(low + BATCH, members))
+        if given.scene is None:
+            away = drawn[:, some.start : some.stop]
+            pairs = zip(means.items(), away, strict=True)
+            part = run.run(values={name: mean + x for (name, mean), x in pairs}, threads=threads)
+        else:
+            part = run.run(members=some, threads=threads)
+            away = np.stack([start_numbers(part, name)[0] - means[name] for name in means])
+        yield away, part
 
 
 def rows_of(result: xr.Dataset, names: tuple[str, ...]) -> tuple[list[str], list[str]]:
@@ -239,64 +239,81 @@ def deviations_of(result: xr.Dataset, nominal: xr.Dataset, names: tuple[str, ...
     return np.concatenate(parts, axis=1)
 
 
-class Sums(NamedTuple):
-    """Sums over the members of the ensemble.
-
-    good : number of good members;  first, second : of deviations (time, row), (time, row, row)
-    missed : of squares that linearity misses (time, row);  sample : deviations of the first members
-    """
-
-    good: int
-    first: Array
-    second: Array
-    missed: Array
-    sample: Array
-
-
-def sums_of(
-    given: Input, options: PropagateOptions, nominal: xr.Dataset, jacobian: Array,
-    threads: int | None, at: NDArray[np.int64],
-) -> Sums:  # fmt: skip
-    """Sum over the ensemble; `at` : saves at which deviations are kept."""
-    shape, kept = jacobian.shape[:2], []
-    count, first, missed = 0, np.zeros(shape), np.zeros(shape)
-    second = np.zeros((*shape, shape[1]))
-    with reporter(True, options.members, 1) as report:
-        for away, part in ensemble_of(given, options.members, threads):
-            good = part.status.values == 0
-            moved = deviations_of(part, nominal, options.of)
-            rest = moved - jacobian @ away[:, good]
-            count += int(good.sum())
-            first += moved.sum(-1)
-            second += moved @ np.swapaxes(moved, -1, -2)
-            missed += (rest * rest).sum(-1)
-            kept.append(moved[at])
-            report.step(part.sizes["member"])
-            report.poll()
-    return Sums(count, first, second, missed, np.concatenate(kept, axis=-1)[..., :KEPT])
-
-
 def compute(
     scene: Scene, options: PropagateOptions, threads: int | None, progress: Any
 ) -> xr.Dataset:
     """Compute the study of a scene and return its Dataset."""
     given = input_of(scene, options)
     # one choice of integrator and step for all
-    run = prepare_scene(given.nominal).scene.run
-    chosen = {key: getattr(run, key) for key in ("integrator", "dt", "turn", "dtype")}
-    if run.integrator != scene.run.integrator:
-        nominal = given.nominal.with_run(**chosen)
-        own = given.scene and given.scene.with_run(**chosen)
-        given = given._replace(nominal=nominal, scene=own)
-    one = simulate(first_and_last(given.nominal), members=1, wrt=given.names, threads=threads)
-    if one.status.item() != 0:
+    run = prepare_scene(first_and_last(given.nominal))
+    if run.choice is not None:
+        keys = "integrator", "dt", "turn", "dtype"
+        chosen = {key: getattr(run.scene.run, key) for key in keys}
+        ensemble = given.scene and given.scene.with_run(**chosen)
+        given = given._replace(nominal=given.nominal.with_run(**chosen), scene=ensemble)
+    nominal = run.run(members=1, wrt=given.names, threads=threads)
+    if nominal.status.item() != 0:
         rule = "the member whose numbers are the means is flagged: it has no linear covariance"
         raise SceneError(rule, at="scene")
-    rows, units = rows_of(one, options.of)
-    jacobian = jacobian_of(one, options.of)
-    at = np.unique(np.linspace(0, one.sizes["time"] - 1, PANELS + 1).round().astype(int)[1:])
-    sums = sums_of(given, options, one, jacobian, threads, at)
-    return _dataset(given, options, one, jacobian, sums, rows, units, at)
+    rows, units = rows_of(nominal, options.of)
+    jacobian = jacobian_of(nominal, options.of)
+    last = nominal.sizes["time"] - 1
+    at = np.unique(np.linspace(0, last, PANELS + 1).round().astype(int)[1:])
+    good, found = compare(given, options.of, nominal, jacobian, at, threads)
+    linear = jacobian @ given.covariance @ np.swapaxes(jacobian, -1, -2)
+    found |= {"covariance": linear, "jacobian": jacobian, "parameter_covariance": given.covariance}
+    values = {variable.name: found[variable.name] for variable in VARIABLES}
+    names, model = list(given.names), given.nominal.model
+    coordinates = {
+        "time": nominal.time,
+        "row": rows,
+        "column": rows,
+        "unit": ("row", units),
+        "parameter": names,
+        "other": names,
+        "parameter_unit": ("parameter", list(units_at(model, names))),
+        "sample_time": ("sample_time", nominal.time.values[at], nominal.time.attrs),
+    }
+    attrs = {
+        "title": given.nominal.title,
+        "members": options.members,
+        "left_out": options.members - good,
+        "scene": (given.scene or given.nominal).dumps(),
+    }
+    return make_dataset(VARIABLES, values, coordinates, attrs)
+
+
+def compare(
+    given: Input, of: tuple[str, ...], nominal: xr.Dataset, jacobian: Array,
+    at: NDArray[np.int64], threads: int | None,
+) -> tuple[int, dict[str, Array]]:  # fmt: skip
+    """Return (number of good members, variables of the ensemble).
+
+    at : saves at which deviations of members are kept
+    """
+    shape, kept = jacobian.shape[:2], []
+    good, first, missed, second = 0, np.zeros(shape), np.zeros(shape), np.zeros((*shape, shape[1]))
+    with reporter(True, given.nominal.run.members, 1) as report:
+        for away, part in ensemble_of(given, threads):
+            is_good = part.status.values == 0
+            moved = deviations_of(part, nominal, of)
+            rest = moved - jacobian @ away[:, is_good]
+            good += int(is_good.sum())
+            first += moved.sum(-1)
+            second += moved @ np.swapaxes(moved, -1, -2)
+            missed += (rest * rest).sum(-1)
+            kept.append(moved[at])
+            report.step(part.sizes["member"])
+            report.poll()
+    with np.errstate(all="ignore"):
+        bias = np.divide(first, good)
+        sample = second - good * bias[..., None] * bias[:, None, :]
+        sample = np.divide(sample, good - 1) if good > 1 else np.full_like(sample, np.nan)
+        squares = np.diagonal(second, axis1=-2, axis2=-1)
+        is_known = squares > good * rounding_of(given, nominal) ** 2
+        share = np.where(is_known, missed / squares, np.nan)
+    shown = np.concatenate(kept, axis=-1)[..., :KEPT]
+    return good, {"sample_covariance": sample, "bias": bias, "missed": share, "sample": shown}
 
 
 def rounding_of(given: Input, nominal: xr.Dataset) -> Array:
@@ -306,51 +323,6 @@ def rounding_of(given: Input, nominal: xr.Dataset) -> Array:
         values = np.abs(rows_in_time(nominal, name)).max(axis=(0, 2))
         sizes.append(np.full(3, np.pi) if "quat" in nominal[name].dims else values)
     return ULPS * resolution_of(given.nominal) * np.concatenate(sizes)
-
-
-def _dataset(
-    given: Input, options: PropagateOptions, one: xr.Dataset, jacobian: Array, sums: Sums,
-    rows: list[str], units: list[str], at: NDArray[np.int64],
-) -> xr.Dataset:  # fmt: skip
-    linear = jacobian @ given.covariance @ np.swapaxes(jacobian, -1, -2)
-    with np.errstate(all="ignore"):
-        bias = np.divide(sums.first, sums.good)
-        own = sums.second - sums.good * bias[..., None] * bias[:, None, :]
-        own = np.divide(own, sums.good - 1) if sums.good > 1 else np.full_like(own, np.nan)
-        moved = np.diagonal(sums.second, axis1=-2, axis2=-1)
-        missed = np.where(
-            moved > sums.good * rounding_of(given, one) ** 2, sums.missed / moved, np.nan
-        )
-    texts = {
-        "covariance": (("time", "row", "column"), linear, "linear covariance, units of both rows"),
-        "sample_covariance": (("time", "row", "column"), own, "covariance of the ensemble"),
-        "bias": (("time", "row"), bias, "mean deviation of the ensemble from the nominal member"),
-        "missed": (("time", "row"), missed, "fraction of the mean square that linearity misses"),
-        "jacobian": (("time", "row", "parameter"), jacobian, "derivative of the row"),
-        "parameter_covariance": (
-            ("parameter", "other"), given.covariance, "covariance of the parameters"
-        ),
-        "sample": (("sample_time", "row", "sample_member"), sums.sample, "deviations of members"),
-    }  # fmt: skip
-    coordinates = {
-        "time": one.time,
-        "row": rows,
-        "column": rows,
-        "unit": ("row", units),
-        "parameter": list(given.names),
-        "other": list(given.names),
-        "parameter_unit": ("parameter", list(units_at(given.nominal.model, given.names))),
-        "sample_time": ("sample_time", one.time.values[at], one.time.attrs),
-    }
-    variables = {key: (dims, x, {"long_name": text}) for key, (dims, x, text) in texts.items()}
-    variables["missed"][2]["units"] = "1"
-    attrs = {
-        "title": given.nominal.title,
-        "members": options.members,
-        "left_out": options.members - sums.good,
-        "scene": (given.scene or given.nominal).dumps(),
-    }
-    return xr.Dataset(variables, coordinates, attrs)
 
 
 def linear_until(study: xr.Dataset) -> float:
@@ -405,6 +377,7 @@ propagate = Study(
     options=PropagateOptions,
     work=Direct(compute, "True shows a bar; a function has no effect"),
     table=table,
+    variables=VARIABLES,
     picture="covariance_ellipses",
     picture_options=EllipseOptions,
     command="covariance",
