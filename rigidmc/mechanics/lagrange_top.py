@@ -269,9 +269,7 @@ def _kinds(o: Any, columns: _Floats, bad: NDArray[np.bool_], fixed: NDArray[np.b
 def _turns_of_a_period(o: Any, period: _Floats) -> tuple[_Floats, _Floats]:
     """Return (precession, spin), the changes of phi and psi in a period [rad]; nan without one."""
     plus = np.where(
-        o.direct == 1.0,
-        2.0 * (o.quarter * o.h_s / o.h_c - o.plus_all),
-        np.pi + 2.0 * o.plus_all,
+        o.direct == 1.0, 2.0 * (o.quarter * o.h_s / o.h_c - o.plus_all), np.pi + 2.0 * o.plus_all
     )
     sigma = o.drift * period + o.s_plus * plus
     delta = 2.0 * o.s_minus * (o.h_minus * o.quarter + o.minus_all) - o.drift * period

@@ -4,8 +4,8 @@ A scene computes and stores nothing. Each of its parameters is a quantity: a num
 a grid, or an array with a row per member. A member's values depend only on seed, name and index.
 
 Reading order: `scene` (a scene, from Python or from a file), `model` (body, effects and start),
-`body`, `body_makers`, `body_readers` and `body_changes` (bodies, from files, and made from others),
-`inertia_about` (inertias about the centre of mass), `stated` (bodies as scenes state
+`body_numbers`, `body_makers`, `body_changes`, `body_readers` and `body` (bodies, and the ways to
+make one), `inertia_about` (inertias about the centre of mass), `stated` (bodies as scenes state
 them), `shape` (solids that pictures draw), `start` and `start_tables` (conventions of attitudes),
 `settings` (the table [run], which defines keywords and options), `save_times` (its setting
 `every`), `units` (the conversion of "10 deg/s" to SI), `validation` (of effects and observables),

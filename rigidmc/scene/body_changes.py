@@ -1,43 +1,28 @@
 """Bodies made from bodies: with another fixed point, joined, or subtracted.
 
-A mixin of `rigidmc.scene.body.Body`, like `rigidmc.scene.body_makers`.
+A base of `rigidmc.scene.body.Body`.
 """
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
 from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene import shape
 from rigidmc.scene.body_makers import BodyMakers
-from rigidmc.scene.body_readers import BodyReaders
+from rigidmc.scene.body_numbers import BodyNumbers
 from rigidmc.scene.inertia_about import check_mass_given
 from rigidmc.scene.quantities import is_shared, is_variable, vector
-from rigidmc.scene.shape import Shape
 from rigidmc.scene.stated import NO_RATE, Stated
 from rigidmc.scene.units import in_si
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 from rigidmc.scene.vector_distributions.tensors import TensorRows
 
 
-class BodyChanges(BodyReaders):
+class BodyChanges(BodyMakers):
     """Methods of Body that return a new Body and leave `self` unchanged."""
-
-    if TYPE_CHECKING:  # attributes of Body
-        moments: Any
-        mass: Any
-        centre: Any
-        shape: Shape
-        has_mass: bool
-        stated: Stated | str | None
-
-        @property
-        def tensor(self) -> NDArray[np.float64]: ...
-        @property
-        def frame(self) -> str: ...
 
     def with_pivot(self, point: Any) -> Self:
         """Move the fixed point to another point of the body, by the parallel-axis theorem.
@@ -130,8 +115,8 @@ class BodyChanges(BodyReaders):
         if isinstance(self.moments, TensorRows) and not is_variable(self.mass, self.centre):
             check_mass_given(self.has_mass, self.centre)
             about = self.moments.with_centre(self.mass, self.centre)
-            named = {"shape": self.shape, "frame": self.frame, "stated": NO_RATE}
-            return type(self)(about, self.mass, **named)
+            of = type(self)
+            return of(about, self.mass, shape=self.shape, frame=self.frame, stated=NO_RATE)
         return self._moved(self.centre, is_centre=True)
 
     def join(
@@ -205,7 +190,7 @@ class BodyChanges(BodyReaders):
 
     def _with(self, other: Self, at: Any, turned: Any, sign: float) -> Self:
         for body in (self, other):
-            if not isinstance(body, BodyMakers) or not is_shared(
+            if not isinstance(body, BodyNumbers) or not is_shared(
                 body.moments, body.mass, body.centre
             ):
                 rule = "only bodies given by plain numbers can be joined"

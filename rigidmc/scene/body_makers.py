@@ -1,27 +1,33 @@
 """Makers of bodies: from moments, a tensor, particles, a named solid or a density.
 
-A mixin of `rigidmc.scene.body.Body`, so that this file does not import it. A maker computes mass,
-centre of mass and the inertia tensor about the fixed point, and ends in `_of_tensor`.
+A base of `rigidmc.scene.body.Body`. A maker computes mass, centre of mass and the inertia tensor
+about the fixed point, and ends in `_of_tensor`.
 """
 
 import inspect
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NoReturn, Self
+from typing import Any, NoReturn, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rigidmc.errors import Renamed, SceneError, nearest, unknown
+from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.inputs.arrays import as_plain_arrays, floats
 from rigidmc.inputs.labelled import Wanted
 from rigidmc.mechanics import inertia, solids
-from rigidmc.mechanics.impossible import causes_text
 from rigidmc.scene import shape
-from rigidmc.scene.inertia_about import ASSUMED_MASS, is_about_centre, tensor_about_pivot
+from rigidmc.scene.body_numbers import BodyNumbers
+from rigidmc.scene.inertia_about import (
+    checked_tensor,
+    has_rows,
+    is_about_centre,
+    principal_axes_of,
+    tensor_about_pivot,
+)
 from rigidmc.scene.quantities import is_shared, quantity, vector
 from rigidmc.scene.shape import Shape
 from rigidmc.scene.stated import NO_RATE, Stated, as_tuples
-from rigidmc.scene.units import in_si, size_units, vector_in_si
+from rigidmc.scene.units import in_si, size_units
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.tensors import TensorRows
 
@@ -43,23 +49,12 @@ class _Hints(type):
         raise AttributeError(words)
 
 
-class BodyMakers(Renamed, metaclass=_Hints):
+class BodyMakers(BodyNumbers, metaclass=_Hints):
     """Class methods of Body that make a body."""
-
-    if TYPE_CHECKING:  # the fields of Body
-        moments: Any
-        mass: Any
-        centre: Any
-
-        def __init__(self, *fields: Any, **named: Any) -> None: ...
 
     @classmethod
     def from_moments(
-        cls,
-        moments: Any,
-        mass: Any = None,
-        centre: Any = (0.0, 0.0, 0.0),
-        about: str = "pivot",
+        cls, moments: Any, mass: Any = None, centre: Any = (0.0, 0.0, 0.0), about: str = "pivot"
     ) -> Self:
         """Make a body from its principal moments; the described axes are the principal axes.
 
@@ -101,7 +96,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
             rule = 'must be plain numbers with about = "centre"; give moments about the fixed point'
             raise SceneError(rule, at="body.moments")
         moved = tensor_about_pivot(np.diag(body.moments), mass, centre)
-        stated = _stated_about_centre(body.moments, mass, centre)
+        stated = Stated.about_centre(body.moments, mass, centre)
         return cls._of_tensor(moved, mass, centre, stated=stated)
 
     @classmethod
@@ -159,7 +154,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         """
         tensor = in_si(tensor, "kg m2", "body.tensor")
         # TOML gives the columns of a table as a tuple
-        if (isinstance(tensor, tuple) and len(tensor) == 6) or _has_rows(tensor):
+        if (isinstance(tensor, tuple) and len(tensor) == 6) or has_rows(tensor):
             tensor = TensorRows(tensor)
         stated: Stated | str | None = None
         if is_about_centre(about):
@@ -168,10 +163,10 @@ class BodyMakers(Renamed, metaclass=_Hints):
                 raise SceneError(rule, at="body.about", value=about)
             stated = NO_RATE
             if not isinstance(tensor, TensorDistribution):
-                tensor = _checked_tensor(tensor)
+                tensor = checked_tensor(tensor)
                 # moved to the fixed point, an impossible tensor may look possible
-                _principal_axes(tensor, mass, (0.0, 0.0, 0.0))
-                stated = _stated_about_centre(as_tuples(tensor), mass, centre)
+                principal_axes_of(tensor, mass, (0.0, 0.0, 0.0))
+                stated = Stated.about_centre(as_tuples(tensor), mass, centre)
             tensor = tensor_about_pivot(tensor, mass, centre)
         if isinstance(tensor, TensorDistribution):
             return cls(tensor, mass, centre, frame=axes, stated=stated)
@@ -188,7 +183,7 @@ class BodyMakers(Renamed, metaclass=_Hints):
         stated: Stated | str | None = None,
     ) -> Self:
         """Make a body from a tensor (3, 3), with the solids that pictures draw."""
-        moments, found = _principal_axes(_checked_tensor(tensor), mass, centre, frame)
+        moments, found = principal_axes_of(checked_tensor(tensor), mass, centre, frame)
         rows = tuple(map(tuple, found.tolist()))
         return cls(tuple(moments.tolist()), mass, centre, rows, parts, frame, stated=stated)
 
@@ -403,58 +398,6 @@ class BodyMakers(Renamed, metaclass=_Hints):
         return cls._of_tensor(
             tensor, float(mass), tuple(centre.tolist()), shape.shape_of_region(region)
         )
-
-
-def _stated_about_centre(inertia: Any, mass: Any, centre: Any) -> Stated:
-    """Return the statement of plain moments or a tensor about the centre of mass."""
-    m = mass if mass is None else quantity(in_si(mass, "kg", "body.mass"), "body.mass")
-    c = vector(vector_in_si(centre, "m", "body.centre"), "body.centre")
-    return Stated(inertia, m, c, "centre")
-
-
-def _checked_tensor(tensor: Any) -> NDArray[np.float64]:
-    """Return a tensor as an array (3, 3); SceneError."""
-    tensor = in_si(tensor, "kg m2", "body.tensor")
-    wanted = "expected 3x3 finite numbers, not"
-    cure = (
-        "; bodies that differ have one tensor each, (members, 3, 3), or rm.UncertainInertia;"
-        " moments are an argument of Body.from_moments"
-    )
-    of_tensor = Wanted((3,), is_matrix=True)
-    matrix = floats(
-        tensor, "body.tensor", rule=f"{wanted} distributions or text{cure}", wanted=of_tensor
-    )
-    if matrix.shape != (3, 3):
-        rule = f"{wanted} {matrix.shape or 'one number'}{cure}"
-        raise SceneError(rule, at="body.tensor")
-    return matrix
-
-
-def _principal_axes(
-    matrix: NDArray[np.float64], mass: Any, centre: Any, frame: str = "described"
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return moments and axes of a tensor (3, 3); SceneError with the likely causes of an
-    impossible one."""
-    find = inertia.principal_axes if frame == "principal" else inertia.nearest_axes
-    try:
-        return find(matrix)
-    except SceneError as error:
-        given = ASSUMED_MASS if mass is None else in_si(mass, "kg", "body.mass")
-        m = quantity(given, "body.mass")
-        c = vector(vector_in_si(centre, "m", "body.centre"), "body.centre")
-        causes = causes_text(matrix, m, c) if is_shared(m, c) else ""
-        rule = error.rule + causes
-        raise SceneError(rule, at="body.tensor", value=matrix.tolist()) from None
-
-
-def _has_rows(tensor: Any) -> bool:
-    """Return whether a value has three dimensions, as one tensor for each member."""
-    if not isinstance(tensor, (list, tuple)):
-        return getattr(tensor, "ndim", 0) == 3
-    try:
-        return np.ndim(tensor) == 3
-    except (ValueError, TypeError, AttributeError):  # rows of different lengths, or other objects
-        return False
 
 
 def positive_number(value: Any, at: str) -> float:

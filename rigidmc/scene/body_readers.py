@@ -1,6 +1,6 @@
 """Bodies from files: robot descriptions, mass properties of CAD programs, and meshes.
 
-A mixin of `rigidmc.scene.body.Body`, like `rigidmc.scene.body_makers`.
+A base of `rigidmc.scene.body.Body`.
 """
 
 import os
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, SceneWarning, in_file, unknown
 from rigidmc.scene import shape
-from rigidmc.scene.body_makers import BodyMakers, positive_number
+from rigidmc.scene.body_changes import BodyChanges
+from rigidmc.scene.body_makers import positive_number
 from rigidmc.scene.stated import MESH
 
 if TYPE_CHECKING:
@@ -21,14 +22,8 @@ if TYPE_CHECKING:
 SOLIDS_OF_MESH = ("solid", "hull", "shell")
 
 
-class BodyReaders(BodyMakers):
+class BodyReaders(BodyChanges):
     """Class methods of Body that read a file."""
-
-    if TYPE_CHECKING:  # methods of Body
-
-        def with_pivot(self, point: Any) -> Self: ...
-
-        def with_pivot_at_centre(self) -> Self: ...
 
     @classmethod
     def read(
@@ -114,12 +109,7 @@ class BodyReaders(BodyMakers):
 
     @classmethod
     def _of_mesh_file(
-        cls,
-        path: str,
-        density: float | None,
-        mass: float | None,
-        scale: float | None,
-        solid: str,
+        cls, path: str, density: float | None, mass: float | None, scale: float | None, solid: str
     ) -> Self:
         """Implement `read` for a mesh, and guess its unit."""
         from rigidmc.mechanics import mesh

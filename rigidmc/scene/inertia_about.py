@@ -12,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, unknown
+from rigidmc.inputs.arrays import floats
+from rigidmc.inputs.labelled import Wanted
 from rigidmc.mechanics import inertia
+from rigidmc.mechanics.impossible import causes_text
 from rigidmc.scene.quantities import is_shared, quantity, vector
 from rigidmc.scene.units import in_si, vector_in_si
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
@@ -28,6 +31,13 @@ def is_about_centre(about: Any) -> bool:
     return bool(about == "centre")
 
 
+def mass_and_centre(mass: Any, centre: Any) -> tuple[Any, tuple[Any, ...]]:
+    """Return a mass, ASSUMED_MASS for None, and a centre of mass in SI units; SceneError."""
+    c = vector(vector_in_si(centre, "m", "body.centre"), "body.centre")
+    given = ASSUMED_MASS if mass is None else in_si(mass, "kg", "body.mass")
+    return quantity(given, "body.mass"), c
+
+
 def tensor_about_pivot(tensor: Any, mass: Any, centre: Any) -> Any:
     """Return a tensor (3, 3) or UncertainInertia about the fixed point, from one about the centre
     of mass.
@@ -38,10 +48,8 @@ def tensor_about_pivot(tensor: Any, mass: Any, centre: Any) -> Any:
     covariance S becomes J S J^T with the derivatives J of the moved elements. SceneError for a mass
     or a centre that differs between members, and for no mass (None) beside a centre.
     """
-    c = vector(vector_in_si(centre, "m", "body.centre"), "body.centre")
+    m, c = mass_and_centre(mass, centre)
     check_mass_given(mass is not None, c)
-    given = ASSUMED_MASS if mass is None else in_si(mass, "kg", "body.mass")
-    m = quantity(given, "body.mass")
     if not is_shared(m, c):
         rule = (
             'must be plain numbers with about = "centre"; if they are uncertain, give the tensor'
@@ -98,3 +106,46 @@ def _derivatives(mass: float, centre: NDArray[np.float64]) -> NDArray[np.float64
     )
     by[:6, 9] = inertia.elements(inertia.shift(centre))
     return by
+
+
+def checked_tensor(tensor: Any) -> NDArray[np.float64]:
+    """Return a tensor as an array (3, 3); SceneError."""
+    tensor = in_si(tensor, "kg m2", "body.tensor")
+    wanted = "expected 3x3 finite numbers, not"
+    cure = (
+        "; bodies that differ have one tensor each, (members, 3, 3), or rm.UncertainInertia;"
+        " moments are an argument of Body.from_moments"
+    )
+    of_tensor = Wanted((3,), is_matrix=True)
+    matrix = floats(
+        tensor, "body.tensor", rule=f"{wanted} distributions or text{cure}", wanted=of_tensor
+    )
+    if matrix.shape != (3, 3):
+        rule = f"{wanted} {matrix.shape or 'one number'}{cure}"
+        raise SceneError(rule, at="body.tensor")
+    return matrix
+
+
+def principal_axes_of(
+    matrix: NDArray[np.float64], mass: Any, centre: Any, frame: str = "described"
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return moments and axes of a tensor (3, 3); SceneError with the likely causes of an
+    impossible one."""
+    find = inertia.principal_axes if frame == "principal" else inertia.nearest_axes
+    try:
+        return find(matrix)
+    except SceneError as error:
+        m, c = mass_and_centre(mass, centre)
+        causes = causes_text(matrix, m, c) if is_shared(m, c) else ""
+        rule = error.rule + causes
+        raise SceneError(rule, at="body.tensor", value=matrix.tolist()) from None
+
+
+def has_rows(tensor: Any) -> bool:
+    """Return whether a value has three dimensions, as one tensor for each member."""
+    if not isinstance(tensor, (list, tuple)):
+        return getattr(tensor, "ndim", 0) == 3
+    try:
+        return np.ndim(tensor) == 3
+    except (ValueError, TypeError, AttributeError):  # rows of different lengths, or other objects
+        return False

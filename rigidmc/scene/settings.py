@@ -24,14 +24,7 @@ from typing import (
 )
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    ValidationError,
-    model_validator,
-)
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from rigidmc.errors import SceneError, from_pydantic
 from rigidmc.inputs.amounts import parse_count, words_of

@@ -20,11 +20,7 @@ from rigidmc.scene.quantities import (
     is_variable,
     vector,
 )
-from rigidmc.scene.start_tables import (
-    check_relative,
-    is_start_table,
-    read_start_table,
-)
+from rigidmc.scene.start_tables import check_relative, is_start_table, read_start_table
 from rigidmc.scene.units import START, angles_in_si, vector_in_si
 from rigidmc.scene.vector_distributions import check_distribution
 from rigidmc.scene.vector_distributions.ensembles import attitudes_of_ensemble

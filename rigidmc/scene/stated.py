@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.mechanics.inertia import shift
-from rigidmc.scene.inertia_about import ASSUMED_MASS
+from rigidmc.scene.inertia_about import ASSUMED_MASS, mass_and_centre
 
 Array = NDArray[np.float64]
 ORIGIN = (0.0, 0.0, 0.0)
@@ -40,6 +40,12 @@ class Stated(NamedTuple):
     about: str = "pivot"
     axes: Any = None
     pivot: Any = None
+
+    @classmethod
+    def about_centre(cls, inertia: Any, mass: Any, centre: Any) -> Self:
+        """Return the statement of plain moments or a tensor about the centre of mass."""
+        m, c = mass_and_centre(mass, centre)
+        return cls(inertia, None if mass is None else m, c, "centre")
 
     @property
     def key(self) -> str:

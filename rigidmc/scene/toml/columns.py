@@ -33,11 +33,7 @@ def read_columns(
     """
     path = os.path.join(folder or "", file)
     if not file.lower().endswith(SUFFIXES):
-        raise SceneError(
-            f"expected a file that ends in {' or '.join(SUFFIXES)}",
-            at=at,
-            value=file,
-        )
+        raise SceneError(f"expected a file that ends in {' or '.join(SUFFIXES)}", at=at, value=file)
     if not os.path.exists(path):
         where = os.path.abspath(folder or os.curdir)
         raise SceneError(f"no such file in {where}", at=at, value=file)

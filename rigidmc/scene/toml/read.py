@@ -27,12 +27,7 @@ from rigidmc.scene.settings import Run, Table, check_table, with_changes
 from rigidmc.scene.start import Start
 from rigidmc.scene.start_tables import WORDS, has_convention, is_start_table
 from rigidmc.scene.toml.bodies import BODIES, OF_FILE, read_body
-from rigidmc.scene.toml.values import (
-    DataSources,
-    check_keys,
-    read_measured,
-    read_quantity,
-)
+from rigidmc.scene.toml.values import DataSources, check_keys, read_measured, read_quantity
 from rigidmc.scene.user_parts.registry import Classes, Code, load_user_class, make_stand_in
 
 if TYPE_CHECKING:

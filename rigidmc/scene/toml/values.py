@@ -7,13 +7,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from rigidmc.errors import (
-    PartError,
-    RigidmcError,
-    SceneError,
-    nearest,
-    unknown,
-)
+from rigidmc.errors import PartError, RigidmcError, SceneError, nearest, unknown
 from rigidmc.files.user_code import source_of
 from rigidmc.inputs.units import Measured, unit_named, unit_of
 from rigidmc.physics.dynamics.methods import word_of
@@ -215,10 +209,7 @@ def _no_such_law(name: str, value: Any, at: str) -> SceneError:
         ' continuous ones of scipy.stats; a custom distribution needs module = "file.py"'
     )
     return SceneError(
-        rule,
-        at=at,
-        value=value,
-        nearest=nearest(name, [*known, "normal", "uniform"]),
+        rule, at=at, value=value, nearest=nearest(name, [*known, "normal", "uniform"])
     )
 
 
@@ -246,9 +237,7 @@ def _columns_of(value: dict[str, Any], at: str, folder: str) -> Any:
 
 
 def _rows_of(
-    value: dict[str, Any],
-    at: str,
-    of_result: Callable[[str], np.ndarray | None] | None,
+    value: dict[str, Any], at: str, of_result: Callable[[str], np.ndarray | None] | None
 ) -> np.ndarray:
     """Return the rows of a result to which { stored = name, axis = i } refers; SceneError."""
     if of_result is None:
@@ -271,12 +260,7 @@ Quantity = TypeVar("Quantity")
 
 
 def _named(
-    at: str,
-    value: Any,
-    make: Callable[..., Quantity],
-    /,
-    *arguments: Any,
-    **words: Any,
+    at: str, value: Any, make: Callable[..., Quantity], /, *arguments: Any, **words: Any
 ) -> Quantity:
     """Call make(...); its error names the key."""
     try:

@@ -223,13 +223,7 @@ class UncertainInertia(TensorDistribution):
         )
 
     def bodies(
-        self,
-        sampler: Source,
-        name: str,
-        first: int,
-        count: int,
-        mass: Any,
-        centre: Sequence[Any],
+        self, sampler: Source, name: str, first: int, count: int, mass: Any, centre: Sequence[Any]
     ) -> Array:
         """Return parameters (10, count) of the members, see `rigidmc.mechanics.log_cholesky`.
 
