@@ -11,15 +11,7 @@ Source: Laskar, Icarus 88 (1990) 266; Physica D 67 (1993) 257.
 
 {parameters}
 
-Returns
--------
-xarray.Dataset
-    over term and member: `frequency` [rad/s], `amplitude` and `phase` [rad]; over member
-    `change`, the relative change of the first frequency from one half of the time to the other,
-    the start, and `status`. All are nan for flagged members, and for oscillations that a window of
-    that length does not resolve. `why`, over term and member, gives the reason: only rounding is
-    left; fewer than 4 periods (for `change`, in each half); a period of fewer than two saves, or
-    nearly; another line that differs by fewer than 4 periods over the time
+{returns}
 
 Raises
 ------
@@ -33,8 +25,8 @@ A thrown disc wobbles at (I3/I1 - 1) omega3:
 >>> start = rm.Start(omega=(0.1, 0.0, 2.0))
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 1.8)), start=start)
 >>> run = {"integrator": "exact", "members": 1, "dt": 0.5, "every": 0.5, "t_end": 200.0}
->>> found = rm.frequencies(scene, "omega[1]", **run)
->>> found.frequency[0].values.round(12).tolist()
+>>> study = rm.frequencies(scene, "omega[1]", **run)
+>>> study.frequency[0].values.round(12).tolist()
 [1.6]
 """
 
@@ -55,6 +47,7 @@ from rigidmc.statistics.intervals import ULPS, resolution, resolution_of
 from rigidmc.studies.framework.members import Batches, Members
 from rigidmc.studies.framework.options import REQUIRED, Example, Options, option
 from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 
 Array = NDArray[np.float64]
 POWER = 3  # of the window: another line, n samples of the spectrum away, causes an error n^-8
@@ -70,6 +63,26 @@ WORDS = {  # reasons of WHY that a table shows
 }
 LEAST = 64  # saves needed for a spectrum
 NUMBERS = 2**23  # exponentials computed at once: 128 MB
+VARIABLES = (
+    StudyVariable(
+        "frequency", "term member", "rad s-1", "frequency of the oscillation",
+        "nan, as all numbers, for a flagged member and where `why` says", attrs={"symbol": "nu"},
+    ),
+    StudyVariable("amplitude", "term member", str, "amplitude of the oscillation"),
+    StudyVariable("phase", "term member", "rad", "phase of the oscillation at t = 0"),
+    StudyVariable(
+        "why", "term member", "", "why it is not resolved",
+        "only rounding is left; fewer than 4 periods; a period of fewer than two saves, or nearly;"
+        " another line that differs by fewer than 4 periods over the time",
+        attrs={"flag_values": list(range(len(WHY))), "flag_meanings": " ".join(WHY)},
+    ),
+    StudyVariable(
+        "change", "member", "1",
+        "relative change of the first frequency between both halves of the time",
+        "nan if a half has fewer than 4 periods",
+    ),
+    StudyVariable("status", "member", "", "status of the member"),
+)  # fmt: skip
 
 
 class FrequencyOptions(Options):
@@ -94,8 +107,8 @@ class FrequencyMapOptions(Options):
 def scene_of_signals(scene: Scene, options: FrequencyOptions, settings: Mapping[str, Any]) -> Scene:
     """Return the scene with the members of the study: it saves the oscillating quantity."""
     refuse_count(scene.run.members, "members with frequencies", 8 * (3 * options.terms + 8))
-    found = component_of(scene, options.of, "of")
-    saving: Scene = scene.with_run(save=(found.name,), keep="full")
+    name = component_of(scene, options.of, "of").name
+    saving: Scene = scene.with_run(save=(name,), keep="full")
     return saving
 
 
@@ -115,61 +128,45 @@ def batch_of(saves: int) -> int:
 
 def reduce(batches: Batches, options: FrequencyOptions) -> xr.Dataset:
     """Return the Dataset of the study of members."""
-    scene, of, terms = batches.scene, options.of, options.terms
-    asked, found = component_of(scene, of, "of"), []
+    scene, of = batches.scene, options.of
+    asked, parts, starts = component_of(scene, of, "of"), list[tuple[Array, ...]](), []
     for part in batches.results:
-        if part.sizes["time"] < LEAST:
-            rule = f"a spectrum requires {LEAST} saves or more; the run has {part.sizes['time']}"
+        times = part.time.values
+        if times.size < LEAST:
+            rule = f"a spectrum requires {LEAST} saves or more; the run has {times.size}"
             raise OptionError(rule, at="run.every", value=scene.run.every)
-        gaps = np.diff(part.time.values)[:-1]
+        gaps = np.diff(times)[:-1]
         if gaps.max() > gaps.min() * (1.0 + 1e-6):
             rule = "a spectrum requires even saves: give the time between them"
             raise OptionError(rule, at="run.every")
         signal = np.where(part.status.values == 0, asked.values(part), np.nan)
-        found.append(_studied(part, signal, terms, resolution_of(scene)))
-    study: xr.Dataset = xr.concat(found, "member", data_vars="minimal")
+        parts.append(_analysed(signal, times, options.terms, resolution_of(scene)))
+        names = [str(n) for n in part.data_vars if str(n).startswith("start_") or n == "status"]
+        starts.append(part[names].drop_vars("time", errors="ignore"))
+    arrays = (np.concatenate(x, axis=-1) for x in zip(*parts, strict=True))
+    of_members: xr.Dataset = xr.concat(starts, "member", data_vars="minimal")
+    values = {one.name: x for one, x in zip(VARIABLES, arrays, strict=False)}
+    values["status"] = of_members.status
+    coordinates = {"term": np.arange(1, options.terms + 1), "member": of_members.member.values}
     units = part[asked.name].attrs.get("units", "1")
-    study["amplitude"].attrs["units"] = units
-    study.attrs = {"title": scene.title, "of": of.strip(), "scene": scene.dumps()}
-    return study
+    study = make_dataset(VARIABLES, values, coordinates, {"of": of.strip()}, units)
+    return study.merge(of_members.drop_vars("status"))
 
 
-def _studied(part: xr.Dataset, signal: Array, terms: int, resolved: float) -> xr.Dataset:
-    """Return the study of signals (time, member) with a relative resolution."""
-    times = part.time.values
+def _analysed(signal: Array, times: Array, terms: int, resolved: float) -> tuple[Array, ...]:
+    """Return the first five of VARIABLES for signals (time, member) with a relative resolution."""
     # a spectrum needs evenly spaced saves; the last interval may be shorter
     if times[-1] - times[-2] < (times[1] - times[0]) * (1.0 - 1e-6):
         times, signal = times[:-1], signal[:-1]
-    found = oscillations(signal, times, terms, resolved)
-    half = times.size // 2
-    ends = [
+    found, half = oscillations(signal, times, terms, resolved), times.size // 2
+    first, second = (
         oscillations(piece, times[: len(piece)], 1, resolved).frequency[0]
         for piece in (signal[:half], signal[-half:])
-    ]
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
-        change = np.abs(ends[1] - ends[0]) / found.sought[0]
-    words = {
-        "frequency": {
-            "long_name": "frequency of the oscillation",
-            "units": "rad s-1",
-            "symbol": "nu",
-        },
-        "amplitude": {"long_name": "amplitude of the oscillation"},
-        "phase": {"long_name": "phase of the oscillation at t = 0", "units": "rad"},
-    }
-    variables: dict[str, Any] = {
-        name: (("term", "member"), values, words[name])
-        for name, values in zip(words, found[:3], strict=True)
-    }
-    about = {"flag_values": list(range(len(WHY))), "flag_meanings": " ".join(WHY)}
+        change = np.abs(second - first) / found.sought[0]
     why = np.where(np.isnan(signal).any(axis=0), WHY.index("flagged"), found.why).astype("i1")
-    variables["why"] = ("term", "member"), why, {"long_name": "why it is not resolved", **about}
-    text = "relative change of the first frequency between both halves of the time"
-    variables["change"] = "member", change, {"long_name": text, "units": "1"}
-    starts = [str(n) for n in part.data_vars if str(n).startswith("start_") or n == "status"]
-    return xr.Dataset(
-        variables, {"term": np.arange(1, terms + 1), "member": part.member.values}
-    ).merge(part[starts].drop_vars("time", errors="ignore"))
+    return *found[:3], why, change
 
 
 class Oscillations(NamedTuple):
@@ -213,8 +210,8 @@ def oscillations(
     frequency, values = np.array(found), shares[1::2] - 1j * shares[2::2]
     why = _unresolved(frequency, np.abs(values), step, times.size)
     values[why > 0] = np.nan
-    known = np.where(why > 0, np.nan, frequency)
-    return Oscillations(known, np.abs(values), np.angle(values), why, frequency)
+    sure = np.where(why > 0, np.nan, frequency)
+    return Oscillations(sure, np.abs(values), np.angle(values), why, frequency)
 
 
 def _unresolved(frequency: Array, size: Array, step: float, saves: int) -> NDArray[np.int64]:
@@ -236,8 +233,7 @@ def _unresolved(frequency: Array, size: Array, step: float, saves: int) -> NDArr
 def window(count: int) -> Array:
     """Return (1 + cos)^POWER over `count` saves, normalised to a mean of 1."""
     shape = (1.0 + np.cos(np.linspace(-np.pi, np.pi, count))) ** POWER
-    whole: Array = shape / shape.mean()
-    return whole
+    return np.asarray(shape / shape.mean())
 
 
 def _strongest(signal: Array, step: float) -> Array:
@@ -254,8 +250,7 @@ def _strongest(signal: Array, step: float) -> Array:
         chosen = np.nan_to_num(signal[:, which.astype(int)])
         value = (chosen * waves).sum(axis=0)
         change = (chosen * waves * (-1j * moments * step)[:, None]).sum(axis=0)
-        rise: Array = (np.conj(value) * change).real
-        return rise
+        return np.asarray((np.conj(value) * change).real)
 
     ends = (at - 1.0) * apart, (at + 1.0) * apart
     root = elementwise.find_root(slope, ends, args=(np.arange(float(members)),), maxiter=60)
@@ -291,9 +286,9 @@ def table(study: xr.Dataset) -> list[str]:
     few = study.isel(member=np.flatnonzero(good)[:5])
     heads = (column_head(study.frequency, k) for k in few.term.values)
     lines += [f"  member {'':5s}" + "".join(f"{head:>20s}" for head in heads)]
-    for one in few.member.values:
-        row = few.sel(member=one)
-        lines.append(f"  {one:<12d}" + "".join(f"{x:20.12g}" for x in row.frequency.values))
+    for member in few.member.values:
+        row = few.sel(member=member)
+        lines.append(f"  {member:<12d}" + "".join(f"{x:20.12g}" for x in row.frequency.values))
     why = study.why.values[0, good]
     for word, text in WORDS.items():
         if count := int((why == WHY.index(word)).sum()):
@@ -316,6 +311,7 @@ frequencies = Study(
     options=FrequencyOptions,
     work=Members(scene_of_signals, reduce, batch_of, check=check_source),
     table=table,
+    variables=VARIABLES,
     picture="frequency_map",
     picture_options=FrequencyMapOptions,
     settings_text="run settings, as in `simulate`; saves must be less than half a period apart",

@@ -45,9 +45,9 @@ def ftle_field(
     order = np.argsort(values)[: int(np.isfinite(values).sum())]
     places, labels = [], []
     for number in names:
-        one = study.sel(number=number)
-        values_of, unit = in_degrees(one.start.values[order], one.units.item())
-        places.append(values_of)
+        of_number = study.sel(number=number)
+        place, unit = in_degrees(of_number.start.values[order], of_number.units.item())
+        places.append(place)
         labels.append(with_units(in_symbols(number), unit))
     exponent = f"{study.ftle.attrs['long_name']} over {time}"
     words = with_units(exponent, study.ftle.attrs["units"])

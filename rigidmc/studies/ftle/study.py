@@ -16,11 +16,7 @@ Source: Haller, Physica D 149 (2001) 248; Shadden, Lekien & Marsden, Physica D 2
 
 {parameters}
 
-Returns
--------
-xarray.Dataset
-    over family: `ftle` [1/s], nan where a member is flagged or a derivative is not finite; and
-    `start`, over number (a parameter)
+{returns}
 
 Raises
 ------
@@ -34,8 +30,8 @@ The angular velocity about the axis of a disc is constant, and its change times 
 
 >>> start = rm.Start(omega=(0.0, 0.0, rm.uniform(1.0, 2.0)))
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
->>> found = rm.ftle(scene, 8, unit=1.0, integrator="exact", t_end=10.0)
->>> bool(abs(found.ftle - np.log(101.0) / 20.0).max() < 1e-12)
+>>> study = rm.ftle(scene, 8, unit=1.0, integrator="exact", t_end=10.0)
+>>> bool(abs(study.ftle - np.log(101.0) / 20.0).max() < 1e-12)
 True
 """
 
@@ -65,10 +61,18 @@ from rigidmc.studies.framework.members import (
 )
 from rigidmc.studies.framework.options import Example, Options, option
 from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 
 Array = NDArray[np.float64]
 ALIKE = 1e-8  # least eigenvalue of independent changes; below it they differ by rounding alone
 STATE = "attitude", "omega"
+VARIABLES = (
+    StudyVariable(
+        "ftle", "family", "s-1", "finite-time Lyapunov exponent",
+        "nan where a member is flagged or a derivative is not finite", attrs={"method": "tangents"},
+    ),
+    StudyVariable("start", "family number", "", "parameter of the start"),
+)  # fmt: skip
 KEPT_CHANGES = 1600.0  # bytes: twice six numbers for each of six parameters, and two copies
 
 
@@ -118,12 +122,12 @@ def uncertain_parameters(start: Start) -> tuple[str, ...]:
     or an attitude that is drawn as a whole."""
     names: list[str] = []
     for key, parts in (("attitude", angle_names(start.sequence)), (start.spin_name, "123")):
-        value, whole = getattr(start, key), f"start.{key}"
+        value, name = getattr(start, key), f"start.{key}"
         if not isinstance(value, tuple) or len(value) != len(parts):
-            names += [whole] * (not isinstance(value, tuple) or not is_shared(*value))
+            names += [name] * (not isinstance(value, tuple) or not is_shared(*value))
         else:
             pairs = zip(parts, value, strict=True)
-            names += [f"{whole}.{part}" for part, one in pairs if not is_shared(one)]
+            names += [f"{name}.{part}" for part, x in pairs if not is_shared(x)]
     return tuple(names)
 
 
@@ -168,62 +172,40 @@ def exponents(start: Array, end: Array, time: float) -> Array:
     grown = np.swapaxes(roots, -1, -2) @ np.where(good[:, None, None], last, 0.0) @ roots
     with np.errstate(all="ignore"):
         square = np.linalg.eigvalsh(grown)[:, -1]
-        found: Array = (0.5 * np.log(square) + np.log(largest)) / time
-    return np.where(good, found, np.nan)
+        field = (0.5 * np.log(square) + np.log(largest)) / time
+    return np.where(good, field, np.nan)
 
 
 def reduce(batches: Batches, options: FtleOptions) -> xr.Dataset:
     """Return the Dataset of the study of members."""
-    scene, parts = batches.scene, list(map(_changes, batches.results))
-    names, time = parts[0][0], float(scene.run.t_end)
-    changes, numbers = (np.concatenate([part[i] for part in parts]) for i in (1, 2))
+    time, parts, square, count = float(batches.scene.run.t_end), [], 0.0, 0
+    for part in batches.results:
+        names, ends, healthy = _parameters(part), part.isel(time=[0, -1]), part.status.values == 0
+        # by each of d parameters, at start and end (n, 2, d, 6): angles, changes of omega
+        both = [
+            ends[f"d_{name}"].sel(parameter=names).transpose("member", "time", "parameter", "axis")
+            for name in STATE
+        ]
+        changes = np.concatenate(both, axis=-1)
+        changes[~healthy] = np.nan
+        speeds = (ends.omega**2).sum("axis").transpose("member", "time").values[healthy]
+        square, count = square + float(speeds.sum()), count + speeds.size
+        starts, units = zip(*(start_numbers(part, name) for name in names), strict=True)
+        parts.append((changes, np.stack(starts, -1), part.member.values))
+    changes, start, member = (np.concatenate(x) for x in zip(*parts, strict=True))
     unit = options.unit
-    if unit is None:
-        square = sum(part[3] for part in parts) / max(1, sum(part[4] for part in parts))
-        # 1 s if nothing rotates: the unit then has no effect
-        unit = 1.0 / math.sqrt(square) if square > 0.0 else 1.0
+    if unit is None:  # 1 s if nothing rotates: the unit then has no effect
+        unit = 1.0 / math.sqrt(square / max(1, count)) if square > 0.0 else 1.0
     changes[..., 3:] *= unit
-    found = exponents(changes[:, 0], changes[:, 1], time)
-    about = {
-        "long_name": "finite-time Lyapunov exponent",
-        "units": "s-1",
-        "method": "tangents",
-    }
-    variables: dict[str, Any] = {
-        "ftle": ("family", found, about),
-        "start": (("family", "number"), numbers, {"long_name": "parameter of the start"}),
-    }
+    field = exponents(changes[:, 0], changes[:, 1], time)
+    coordinates = {"family": member, "number": names, "units": ("number", list(units))}
     attrs = {
-        "title": scene.title,
         "t_end": time,
         "unit": unit,
         "numbers": len(names),
-        "left_out": int(np.isnan(found).sum()),
-        "scene": scene.dumps(),
+        "left_out": int(np.isnan(field).sum()),
     }
-    units = ("number", parts[0][5])
-    member = np.concatenate([part[6] for part in parts])
-    return xr.Dataset(variables, {"family": member, "number": names, "units": units}, attrs)
-
-
-def _changes(part: xr.Dataset) -> tuple[Any, ...]:
-    """Return of members: the names of their d parameters; their changes (n, 2, d, 6) at start and
-    end, angles and changes of angular velocity, nan if flagged; the parameters (n, d); the sum of
-    the squares of the angular velocities and their number; the units of the parameters; and the
-    indices of the members."""
-    names, ends = _parameters(part), part.isel(time=[0, -1])
-    both = [
-        ends[f"d_{name}"].sel(parameter=names).transpose("member", "time", "parameter", "axis")
-        for name in STATE
-    ]
-    healthy = part.status.values == 0
-    changes = np.concatenate(both, axis=-1)
-    changes[~healthy] = np.nan
-    square = (ends.omega**2).sum("axis").transpose("member", "time").values[healthy]
-    starts = [start_numbers(part, name) for name in names]
-    numbers, units = zip(*starts, strict=True)
-    known = names, changes, np.stack(numbers, -1), float(square.sum()), square.size
-    return *known, list(units), part.member.values
+    return make_dataset(VARIABLES, {"ftle": field, "start": start}, coordinates, attrs)
 
 
 def table(study: xr.Dataset) -> list[str]:
@@ -256,6 +238,7 @@ ftle = Study(
     options=FtleOptions,
     work=Members(scene_of_tangents, reduce, batch=2**15, check=check_result),
     table=table,
+    variables=VARIABLES,
     picture="ftle_field",
     picture_options=FtlePlaneOptions,
     settings=TUNING,
