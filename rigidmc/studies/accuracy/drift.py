@@ -9,9 +9,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
-from rigidmc.errors import OptionError, unknown
 from rigidmc.inputs.amounts import read_count, read_seconds
-from rigidmc.physics.integrators import integrators_for, refusal
+from rigidmc.physics.integrators import integrators_for
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.deviation import drift_along
 from rigidmc.planning.tolerance.pilot import ROUNDING, pilot
@@ -19,9 +18,25 @@ from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.recording import conservation
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.accuracy.work_precision import WORDS
+from rigidmc.studies.accuracy.work_precision import WORDS, with_tried
+from rigidmc.studies.framework.variables import StudyVariable, describe, make_dataset
 
 SYMBOLS = {"energy": "energy", "l2": "|L|^2", "lz": "L_z"}
+DRIFTS = tuple(
+    variable
+    for key in SYMBOLS
+    for variable in (
+        StudyVariable(
+            f"{key}_drift", "integrator step", "1", f"largest drift so far: {WORDS[key]}",
+            "of the worst member",
+        ),
+        StudyVariable(f"{key}_power", "integrator", "1", "fitted power of the steps"),
+        StudyVariable(
+            f"{key}_law", "integrator", "", "growth law in the number of steps",
+            '"bounded", "sqrt" or "linear"',
+        ),
+    )
+)  # fmt: skip
 
 
 def long_drift(
@@ -32,26 +47,15 @@ def long_drift(
     members: int = 64,
     say: Callable[[str], object] = lambda line: None,
 ) -> xr.Dataset:
-    """Measure the drift of energy, |L|^2 and L_z over very many steps; return a Dataset over
-    `integrator` and `step`.
+    """Measure the drift of energy, |L|^2 and L_z over very many steps, powers of two up to `steps`;
+    return a Dataset of DRIFTS.
 
     integrators : names or integrators; by default one of each kind (`drifts_like`) that fits
     dt : step [s], by default the scene's;  members : number of members, from the scene's first on
-    `step` : powers of two up to `steps`
-
-    Variables: energy_drift, l2_drift, lz_drift, the largest drift so far of the worst member,
-    relative to the scale of each quantity; energy_law, l2_law, lz_law, its growth law in the number
-    of steps ("bounded", "sqrt" or "linear"); and energy_power, ..., the fitted exponent.
     Raises SceneError as `accuracy`.
     """
-    scene, given = scene.with_integrators(integrators or ())
-    known = scene.known_integrators()
-    names = given or one_of_each_kind(scene)
-    for name in names:
-        if name not in known:
-            raise unknown("integrator", known, at="integrators", value=name, error=OptionError)
-        if why := refusal(name, scene.effects, known=known):
-            raise OptionError(why, at="integrators", value=name)
+    scene, names = with_tried(scene, integrators or ())
+    names = names or one_of_each_kind(scene)
     dt = read_seconds(dt or scene.run.dt, "dt")
     steps, members = read_count(steps, "steps"), read_count(members, "members")
     refuse_count(members, "members of a pilot", 8 * layout.EFFECTS)
@@ -63,25 +67,22 @@ def long_drift(
         drifts[name] = drift_along(first, name, steps, at, dt)
         ends = [f"{s} {drifts[name][key][-1]:.1e}" for key, s in SYMBOLS.items()]
         say(f"{name:9s} {', '.join(ends)}")
-    variables: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for key in SYMBOLS:
-        values = np.array([drifts[name][key] for name in names])
-        laws, powers = zip(*(growth_law(at, row) for row in values), strict=True)
-        attrs = {"units": "1", "long_name": f"largest drift so far: {WORDS[key]}"}
-        variables[f"{key}_drift"] = ("integrator", "step"), values, attrs
-        variables[f"{key}_law"] = "integrator", np.array(laws, dtype=object)
-        variables[f"{key}_power"] = "integrator", np.array(powers)
+        rows = np.array([drifts[name][key] for name in names])
+        laws, powers = zip(*(growth_law(at, row) for row in rows), strict=True)
+        values[f"{key}_drift"], values[f"{key}_power"] = rows, np.array(powers)
+        values[f"{key}_law"] = np.array(laws, dtype=object)
     conserved = conservation(scene.effects, "work" in scene.run.save)
-    facts = {
-        "title": scene.title,
-        "scene": scene.dumps(),
+    attrs = {
         "dt": dt,
         "members": first.members,
         "lz_conserved": conserved["lz"] if first.has_attitude else "no: no attitude",
         "energy_conserved": conserved["energy"],
         "l2_conserved": conserved["l2"],
     }
-    return xr.Dataset(variables, {"integrator": np.array(names, dtype=object), "step": at}, facts)
+    coordinates = {"integrator": np.array(names, dtype=object), "step": at}
+    return describe(make_dataset(DRIFTS, values, coordinates, attrs), scene)
 
 
 def one_of_each_kind(scene: Scene) -> list[str]:
@@ -112,13 +113,13 @@ def long_table(study: xr.Dataset) -> list[str]:
     a = study.attrs
     steps = f"{study.step.values[-1]:,} steps of {a['dt']:.6g} s"
     lines = [f"drift over {steps}, worst of {count_text(a['members'], 'member')}"]
+    end = study.isel(step=-1)
     for i, name in enumerate(study.integrator.values):
-        parts = []
-        for key, symbol in SYMBOLS.items():
-            if a[f"{key}_conserved"] == "yes":
-                law = (
-                    f"{study[f'{key}_law'].values[i]}, power {study[f'{key}_power'].values[i]:.2f}"
-                )
-                parts.append(f"{symbol} {study[f'{key}_drift'].values[i, -1]:.1e} ({law})")
+        parts = [
+            f"{symbol} {end[f'{key}_drift'].values[i]:.1e} ({end[f'{key}_law'].values[i]}, power"
+            f" {end[f'{key}_power'].values[i]:.2f})"
+            for key, symbol in SYMBOLS.items()
+            if a[f"{key}_conserved"] == "yes"
+        ]
         lines.append(f"{name:10s} {'; '.join(parts)}")
     return lines

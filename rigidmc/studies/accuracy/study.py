@@ -3,21 +3,13 @@
 If the rates of the members differ much, each member has its own step: all have the same `turn`
 [rad], and dt and steps are means. An error is the largest over up to 8 save times of the scene.
 
+The errors are inf for steps so long that members fail; `upper` is a bound for 99 % of all members,
+with 95 % confidence. The attributes name the truth, its own error, and the horizon set by rounding.
+With `long`, drifts are relative to the scale of each quantity, at powers of two up to `steps`.
+
 {parameters}
 
-Returns
--------
-xarray.Dataset
-    over `row`: integrator, dtype, dt [s], steps, turn, error_Q_S with Q one of state, momentum,
-    attitude, energy, l2, lz and S one of median, p99, worst, upper (a bound for 99 % of all
-    members, with 95 % confidence), inf for steps so long that members fail;
-    ns_per_member_step and ns_per_member on one thread, members_per_second; over `tolerance`:
-    `cheapest`, the cheapest row that reaches it, -1 if none does. The attributes name the
-    truth, its own error, and the horizon set by rounding. With `long`, over `integrator` and
-    `step`, powers of two up to `steps`: energy_drift, l2_drift, lz_drift, the largest so far of the
-    worst member, relative to the scale of each quantity; energy_law, l2_law, lz_law, its growth law
-    in the number of steps ("bounded", "sqrt" or "linear"); and energy_power, ..., the fitted
-    exponent
+{returns}
 
 Raises
 ------
@@ -46,8 +38,8 @@ import xarray as xr
 
 from rigidmc.processes.progress import say
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.accuracy.drift import long_drift, long_table
-from rigidmc.studies.accuracy.work_precision import ladder_table, work_precision
+from rigidmc.studies.accuracy.drift import DRIFTS, long_drift, long_table
+from rigidmc.studies.accuracy.work_precision import ROWS, ladder_table, work_precision
 from rigidmc.studies.framework.options import Example, Names, Numbers, Options, Time, option
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.framework.work import Direct
@@ -100,6 +92,7 @@ accuracy = Study(
     options=AccuracyOptions,
     work=Direct(measure, "a function called with a line of text per stage; True prints the lines"),
     table=table,
+    variables=(*ROWS, *DRIFTS),
     picture="accuracy_picture",
     example=Example(
         "dzhanibekov", {"integrators": "rk4", "members": 4, "long": True, "steps": 1000}, {}

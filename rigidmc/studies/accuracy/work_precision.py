@@ -24,7 +24,7 @@ from rigidmc.planning.tolerance.truth import Reference, make_reference
 from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.scene import Scene
-from rigidmc.version import VERSION
+from rigidmc.studies.framework.variables import StudyVariable, describe, make_dataset
 
 FINEST = 1e-13  # the error at which a ladder ends: smaller errors are rounding
 DEAREST = 40.0  # a ladder also ends at this multiple of the cost of the cheapest rival
@@ -38,6 +38,35 @@ WORDS = {
 }
 
 Statistic = Callable[[NDArray[np.float64]], Any]
+STATISTICS: dict[str, Statistic] = {
+    "median": np.median,
+    "p99": lambda errors: np.quantile(errors, 0.99),
+    "worst": np.max,
+    "upper": upper_quantile,  # a bound for 99 % of all members, with 95 % confidence
+}
+ROWS = (
+    StudyVariable("integrator", "row", "", "integrator"),
+    StudyVariable("dtype", "row", "", "dtype"),
+    StudyVariable("steps", "row", "", "steps"),
+    StudyVariable("turn", "row", "rad", "rotation of each member per step"),
+    StudyVariable("dt", "row", "s", "step, mean over members"),
+    StudyVariable("ns_per_member_step", "row", "ns", "time of a member-step on one thread"),
+    StudyVariable(
+        "ns_per_member", "row", "ns",
+        "time of a member to t_end on one thread, with start and saves",
+    ),
+    StudyVariable("members_per_second", "row", "s-1", "members to t_end on all threads"),
+    *(
+        StudyVariable(
+            f"error_{quantity}_{word}", "row", "rad" if quantity == "attitude" else "1",
+            f"{WORDS[quantity]}, {word} over members",
+        )
+        for quantity in QUANTITIES for word in STATISTICS
+    ),
+    StudyVariable(
+        "cheapest", "tolerance", "", "row that reaches the tolerance at the least cost; -1 if none"
+    ),
+)  # fmt: skip
 
 
 def work_precision(
@@ -53,14 +82,9 @@ def work_precision(
 
     say : called with a line of text for each stage
     """
+    names = None
     if integrators is not None:
-        scene, integrators = scene.with_integrators(integrators)
-    known = scene.known_integrators()
-    for name in integrators or ():
-        if name not in known:  # check before computing the truth, which takes seconds
-            raise unknown("integrator", known, at="integrators", value=name, error=OptionError)
-        if why := refusal(name, scene.effects, known=known):
-            raise OptionError(why, at="integrators", value=name)
+        scene, names = with_tried(scene, integrators)
     members = read_count(members, "members")
     refuse_count(members, "members of a pilot", 8 * layout.EFFECTS)
     check_quiet(scene)
@@ -70,19 +94,34 @@ def work_precision(
     say(f"first the truth for {count}, then each integrator with a range of steps")
     true, costs = make_reference(first, say), Costs(first)
     say(f"truth: {true.source}, known to {upper_quantile(true.error):.1e}")
-    ways = _ways(scene, first, true, costs, integrators, say)
-    study = _dataset(ways, costs, tolerances, threads or threads_available())
-    return study.assign_attrs(
-        title=scene.title,
-        source=f"rigidmc {VERSION}",
-        scene=scene.dumps(),
-        t_end=scene.run.t_end,
-        members=first.members,
-        threads=threads or threads_available(),
-        truth=true.source,
-        truth_error=upper_quantile(true.error),
+    ways = _ways(scene, first, true, costs, names, say)
+    threads = threads or threads_available()
+    values = _costs(ways, costs, threads) | _errors(ways)
+    cost = values["ns_per_member"]
+    values["cheapest"] = _cheapest(values["error_state_upper"], cost, tolerances)
+    attrs = {
+        "t_end": scene.run.t_end,
+        "members": first.members,
+        "threads": threads,
+        "truth": true.source,
+        "truth_error": upper_quantile(true.error),
         **_horizon(scene.run.t_end, *measure_growth(first)),
-    )
+    }
+    coordinates = {"tolerance": ("tolerance", np.array(tolerances))}
+    return describe(make_dataset(ROWS, values, coordinates, attrs), scene)
+
+
+def with_tried(scene: Scene, integrators: Sequence[Any]) -> tuple[Scene, list[str]]:
+    """Return (the scene with custom integrators, the names of all); OptionError for one that does
+    not support the scene, before the truth is computed, which takes seconds."""
+    scene, names = scene.with_integrators(integrators)
+    known = scene.known_integrators()
+    for name in names:
+        if name not in known:
+            raise unknown("integrator", known, at="integrators", value=name, error=OptionError)
+        if why := refusal(name, scene.effects, known=known):
+            raise OptionError(why, at="integrators", value=name)
+    return scene, names
 
 
 def _ways(
@@ -120,67 +159,31 @@ def _ways(
     return ways
 
 
-def _dataset(
-    ways: list[Candidate], costs: Costs, tolerances: Sequence[float], threads: int
-) -> xr.Dataset:
-    """Return the Dataset of a study without its attributes."""
-    variables = _costs(ways, costs, threads) | _errors(ways)
-    upper, cost = variables["error_state_upper"][1], variables["ns_per_member"][1]
-    variables["cheapest"] = _cheapest(upper, cost, tolerances)
-    return xr.Dataset(variables, {"tolerance": ("tolerance", np.array(tolerances))})
-
-
 def _costs(ways: list[Candidate], costs: Costs, threads: int) -> dict[str, Any]:
     """Return the variables that identify each candidate, and its cost."""
-    table: dict[str, tuple[list[Any], dict[str, str]]] = {
-        "integrator": ([w.integrator for w in ways], {}),
-        "dtype": ([w.dtype for w in ways], {}),
-        "steps": ([float(w.mean_steps) for w in ways], {}),
-        "turn": (
-            [np.nan if w.turn is None else w.turn for w in ways],
-            {"units": "rad", "long_name": "rotation of each member per step"},
-        ),
-        "dt": ([w.dt for w in ways], {"units": "s", "long_name": "step, mean over members"}),
-        "ns_per_member_step": (
-            [w.ns for w in ways],
-            {"units": "ns", "long_name": "time of a member-step on one thread"},
-        ),
-        "ns_per_member": (
-            [costs.per_member(w) for w in ways],
-            {
-                "units": "ns",
-                "long_name": "time of a member to t_end on one thread, with start and saves",
-            },
-        ),
-        "members_per_second": (
-            [costs.members_per_second(w, threads) for w in ways],
-            {"units": "s-1", "long_name": f"members to t_end on {count_text(threads, 'thread')}"},
-        ),
-    }
-    texts = ("integrator", "dtype")
+    speeds = np.array([costs.members_per_second(w, threads) for w in ways], float)
+    on = {"long_name": f"members to t_end on {count_text(threads, 'thread')}"}
     return {
-        name: ("row", np.array(v, object if name in texts else float), {"long_name": name} | attrs)
-        for name, (v, attrs) in table.items()
+        "integrator": np.array([w.integrator for w in ways], object),
+        "dtype": np.array([w.dtype for w in ways], object),
+        "steps": np.array([w.mean_steps for w in ways], float),
+        "turn": np.array([np.nan if w.turn is None else w.turn for w in ways], float),
+        "dt": np.array([w.dt for w in ways], float),
+        "ns_per_member_step": np.array([w.ns for w in ways], float),
+        "ns_per_member": np.array([costs.per_member(w) for w in ways], float),
+        "members_per_second": xr.Variable("row", speeds, on),
     }
 
 
 def _errors(ways: list[Candidate]) -> dict[str, Any]:
     """Return the variables of the errors, by quantity and statistic."""
-    statistics: dict[str, Statistic] = {
-        "median": np.median,
-        "p99": lambda errors: np.quantile(errors, 0.99),
-        "worst": np.max,
-        "upper": upper_quantile,
-    }
-    variables: dict[str, Any] = {}
-    for quantity in QUANTITIES:
-        units = "rad" if quantity == "attitude" else "1"
-        for word, statistic in statistics.items():
-            with np.errstate(invalid="ignore"):
-                values = [_finite_or_inf(statistic, w.errors[quantity]) for w in ways]
-            attrs = {"units": units, "long_name": f"{WORDS[quantity]}, {word} over members"}
-            variables[f"error_{quantity}_{word}"] = ("row", np.array(values), attrs)
-    return variables
+    values: dict[str, Any] = {}
+    with np.errstate(invalid="ignore"):
+        for quantity in QUANTITIES:
+            for word, statistic in STATISTICS.items():
+                errors = [_finite_or_inf(statistic, w.errors[quantity]) for w in ways]
+                values[f"error_{quantity}_{word}"] = np.array(errors)
+    return values
 
 
 def _finite_or_inf(statistic: Statistic, errors: NDArray[np.float64]) -> float:
@@ -192,14 +195,13 @@ def _finite_or_inf(statistic: Statistic, errors: NDArray[np.float64]) -> float:
 
 def _cheapest(
     upper: NDArray[np.float64], cost: NDArray[np.float64], tolerances: Sequence[float]
-) -> Any:
+) -> NDArray[np.int64]:
     """Return the variable `cheapest`."""
     rows = [
         min((i for i in range(len(cost)) if upper[i] <= t), key=lambda i: cost[i], default=-1)
         for t in tolerances
     ]
-    words = "row that reaches the tolerance at the least cost; -1 if none"
-    return "tolerance", np.array(rows), {"long_name": words}
+    return np.array(rows)
 
 
 def _horizon(

@@ -119,7 +119,6 @@ class Option:
         more = f"; {self.more}" if self.more else ""
         # --long becomes `long`, another parameter; only the command has options with a hyphen
         text = re.sub(r"--(\w+)(?![\w-])", r"`\1`", self.text)
-        text = re.sub(r"(\|\w+\|\S*)", r"``\1``", text)  # |L|^2 would be a substitution
         return parameter(head + ", optional" * self.is_optional, f"{text}{unit}{more}")
 
     @property
@@ -147,7 +146,7 @@ def parameter(head: str, text: str) -> str:
 
 def wrapped(text: str, more: str = "") -> str:
     """Return indented lines of a docstring; more : indent of all lines but the first."""
-    indent = "    "
+    indent, text = "    ", re.sub(r"(\|\w+\|[\w^]*)", r"``\1``", text)  # |L|^2 is a substitution
     return textwrap.fill(text, 96, initial_indent=indent, subsequent_indent=indent + more,
                          break_long_words=False, break_on_hyphens=False)  # fmt: skip
 
