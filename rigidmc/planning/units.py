@@ -13,7 +13,7 @@ from rigidmc.inputs.units import KNOWN, powers_of
 from rigidmc.physics.effects import name_of
 from rigidmc.physics.effects.protocol import facts, from_numbers, numbers
 from rigidmc.physics.observables import is_own
-from rigidmc.planning.initial import Source, block_rows, initial_block, make_sampler
+from rigidmc.planning.initial import Source, initial_block, make_sampler
 from rigidmc.planning.plan import Plan
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.model import Model
@@ -194,8 +194,7 @@ def _spin_exponents(scene: Scene, moments: Any, sampler: Source) -> list[int]:
     word = "omega" if scene.start.momentum is None else "momentum"
     whole = isinstance(getattr(scene.start, word), VectorDistribution)
     if whole or word in scene.start.relative_to_orbit:  # it may depend on the energy or the orbit
-        rows = block_rows(scene.effects, False)
-        _, start = initial_block(scene.model, sampler, 0, 1, True, rows)
+        _, start = initial_block(scene.model, sampler, 0, 1)
         spin = start[f"start_{word}"]
     else:
         _, spin = scene.start.sample_spin(sampler, 0, 1, None)

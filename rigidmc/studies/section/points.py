@@ -29,7 +29,7 @@ from rigidmc.physics.effects.protocol import blank, is_random, parameter_count
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import find_observable
 from rigidmc.physics.observables.protocol import size
-from rigidmc.planning.initial import block_rows, initial_block_of, make_sampler
+from rigidmc.planning.initial import initial_block_of, make_sampler
 from rigidmc.planning.steps import rate_bounds
 from rigidmc.results.frames import in_principal_axes
 from rigidmc.scene.scene import Scene
@@ -82,9 +82,8 @@ class CrossingPaths:
         self._start, self._m, self._times, self.spans = departures
         m, spans = self._m, self.spans
         refuse_uncompilable(scene.effects)
-        rows = block_rows(scene.effects, False)
-        known = make_sampler(scene.model, scene.run), members, True, rows
-        block, given = initial_block_of(scene.model, *known)
+        sampler = make_sampler(scene.model, scene.run)
+        block, given = initial_block_of(scene.model, sampler, members)
         end = layout.EFFECTS + parameter_count(*scene.effects)
         axes: tuple[Any, ...] = ()
         if scene.body.is_turned and scene.body.frame == "described":
