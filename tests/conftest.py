@@ -13,22 +13,22 @@ import typer.testing
 from hypothesis import HealthCheck, settings
 
 from rigidmc.engine import compile_helper
-from rigidmc.engine.compiler import kernels
+from rigidmc.engine.compiler import machine_code
 
 # No second process compiles: the workers of pytest use all cores (4 min instead of 7).
 compile_helper.threads_available = lambda: 1
 
 
-def _compiled(dispatcher, signature, compiled=kernels._compile):
+def _lowered(*given, lower=machine_code.lower):
     """The code of a piece. What Numba keeps of it is looked through for garbage once and never
     again: 1.8 s and not 3.1 of the 33 s that tests/physics/effects/test_user.py takes."""
-    address = compiled(dispatcher, signature)
+    result = lower(*given)
     gc.collect(0)
     gc.freeze()
-    return address
+    return result
 
 
-kernels._compile = _compiled
+machine_code.lower = _lowered
 
 # `CliRunner` makes all commands anew in each call, 25 of the 50 ms that `rigidmc show` takes.
 typer.testing._get_command = functools.cache(typer.main.get_command)

@@ -81,7 +81,7 @@ def machine_facts() -> dict[str, str | int]:
         os.path.join(top, file)
         for top, _, files in os.walk(folder)
         for file in files
-        if file.endswith(".nbc")
+        if file.endswith((".bc", ".o"))
     ]
     size = sum(map(os.path.getsize, kernels)) / 1e6
     lanes = f"{lanes_for('float64')} members move side by side"

@@ -11,21 +11,20 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from numba import njit, typeof
+from numba import typeof
 
 from rigidmc.engine.compiler.compose import NumbaError, inline_all, innermost_cause
-from rigidmc.engine.compiler.disk_cache import cached_text
+from rigidmc.engine.compiler.disk_cache import cached_text, text_entry
 from rigidmc.engine.compiler.frozen import frozen
 from rigidmc.engine.compiler.kernels import (
     WIDTH,
     KernelKey,
     config,
-    dispatcher_of,
     signature_of,
     type_key,
 )
+from rigidmc.engine.compiler.machine_code import lower
 from rigidmc.engine.compiler.memory import four_at, put_rows, three_at
-from rigidmc.engine.compiler.pipeline import FLAGS
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
 from rigidmc.engine.compiler.uncompilable import cause_of
 from rigidmc.errors import PartError
@@ -209,12 +208,8 @@ def _count(function: Callable[..., Any], *arguments: Any) -> Operations:
 
 def _code(function: Callable[..., Any], *arguments: Any) -> str:
     """Return the LLVM code of a function, compiled for the types of these arguments."""
-    arguments = frozen(arguments)
-    flags: Any = FLAGS
-    compiled = njit(**flags)(function)
-    compiled.compile(tuple(map(typeof, arguments)))
-    (code,) = compiled.inspect_llvm().values()
-    return str(code)
+    kinds = tuple(map(typeof, frozen(arguments)))
+    return str(lower(function, kinds).library.get_llvm_str())
 
 
 _UNIT_BODY = MassProperties(*[1.0] * 9)
@@ -278,7 +273,9 @@ def _why_scalar_part(
 
     if key not in _why_scalar_parts:
         signature = signature_of(KernelKey(probe, parts, "float64", WIDTH, "s"))
-        _why_scalar_parts[key] = cached_text([signature], f"own_parts {probe.__name__}", probed)
+        _why_scalar_parts[key] = cached_text(
+            text_entry([signature], f"own_parts {probe.__name__}"), probed
+        )
     return _why_scalar_parts[key]
 
 
@@ -298,10 +295,8 @@ def refused(part: Any, at: str, error: Exception | None = None) -> PartError:
 
 def _llvm_of_probe(probe: Callable[..., int], parts: Any, lanes: int) -> str:
     """Return the LLVM code of a probe for this number of members side by side."""
-    compiled = dispatcher_of(probe)
-    compiled.compile(signature_of(KernelKey(probe, parts, "float64", lanes, "s")))
-    (code,) = compiled.inspect_llvm().values()
-    return str(code)
+    signature = signature_of(KernelKey(probe, parts, "float64", lanes, "s"))
+    return str(lower(probe, signature.args, signature.return_type).library.get_llvm_str())
 
 
 def _probe_observable(tree, numbers, at):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.compile_time import announce_compiling
 from rigidmc.engine.compiler.compose import inline_all
-from rigidmc.engine.compiler.disk_cache import cached_text, has_text
+from rigidmc.engine.compiler.disk_cache import Entry, cached_text, has_text, text_entry
 from rigidmc.engine.compiler.kernels import (
     CompiledFunction,
     KernelKey,
@@ -61,7 +61,7 @@ class LinkedProgram(Program):
 
     def code_for(self, target: str) -> str:
         """Return the code for a target, from the cache or newly made."""
-        return cached_text(*self._key(target), lambda: self.make_code(target))
+        return cached_text(self._entry(target), lambda: self.make_code(target))
 
     def linked(self, thread: str = ONE_THREAD) -> llvm.ModuleRef:
         """Return the LLVM code of the kernels; see `link_kernel`."""
@@ -103,7 +103,7 @@ class LinkedProgram(Program):
 
     def missing(self) -> list[str]:
         """Return ["kernel"] if it is neither in memory nor in the disk cache."""
-        return [] if has_text(*self._key(self.target)) else ["kernel"]
+        return [] if has_text(self._entry(self.target)) else ["kernel"]
 
     def helper_share(self) -> list[str]:
         """Return an empty list: one process compiles the one kernel."""
@@ -113,10 +113,10 @@ class LinkedProgram(Program):
         with announce_compiling(self.label, self.missing(), self.effects):
             self.code = self.code_for(self.target)
 
-    def _key(self, target: str) -> tuple[list[Any], str]:
-        """Return (types of the kernels, the other inputs of the code)."""
+    def _entry(self, target: str) -> Entry:
+        """Return the place of the code in the cache."""
         types = [signature_of(key) for key in self.kernel_keys.values() if key]
-        return types, f"{self.shape} {self._sizes()} {target}"
+        return text_entry(types, f"{self.shape} {self._sizes()} {target}")
 
     def _sizes(self) -> dict[str, int]:
         """Return {name in Workspace: bytes} of the memory that a thread works in."""

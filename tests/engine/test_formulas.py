@@ -3,20 +3,21 @@
 For any number of elements, threads and rows.
 """
 
-import json
 import math
-import os
 import platform
-import subprocess
-import sys
+import re
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from rigidmc.engine.formulas import MAX_CALL, evaluate
+from rigidmc.engine.compiler.kernels import WIDTH, KernelKey, config
+from rigidmc.engine.formulas import FILL, MAX_CALL, evaluate, fill
 from rigidmc.engine.kernel.layout import LANES
+from rigidmc.mechanics.free_orbit import FreeStateFormula
+from rigidmc.mechanics.lagrange_orbit import LagrangeStateFormula
 from rigidmc.physics.dynamics.principal_axes import Principal
+from tests.tools.assembly import assembly_of_key
 
 
 class Product(NamedTuple):
@@ -58,37 +59,15 @@ def test_fields_come_from_a_table_by_index():
 @pytest.mark.skipif(
     platform.machine().lower() not in ("x86_64", "amd64"), reason="reads x86-64 assembly"
 )
-def test_closed_forms_are_packed_arithmetic(tmp_path):
-    program = """if True:
-        import json, re
-        import numpy as np
-        from rigidmc.engine import formulas
-        from rigidmc.engine.compiler import kernels
-        from rigidmc.mechanics import free_orbit, lagrange_orbit
-        for orbit, formula in (
-            (free_orbit.FreeOrbit, free_orbit.FreeStateFormula),
-            (lagrange_orbit.LagrangeOrbit, lagrange_orbit.LagrangeStateFormula),
-        ):
-            rows = np.ones((1, 64)), np.ones((64, len(orbit._fields)))
-            formulas.evaluate(formula, 7, *rows, np.arange(64))
-        compiled = kernels._dispatchers[formulas.fill]
-        codes = [compiled.inspect_asm(s) for s in compiled.signatures]
-        words = "vdivpd", "vdivsd", "vmulpd", "vmulsd"
-        print(json.dumps([[len(re.findall(rf"\\b{w}\\b", code)) for w in words] for code in codes]))
-    """
-    # a separate process: code from the disk cache cannot be read
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        env={**_environment(), "RIGIDMC_CACHE_DIR": str(tmp_path)},
-    )
-    assert done.returncode == 0, done.stderr
-    for packed, scalar, multiplied, one_by_one in json.loads(done.stdout):
+@pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
+def test_closed_forms_are_packed_arithmetic():
+    words = "vdivpd", "vdivsd", "vmulpd", "vmulsd"
+    for formula in (FreeStateFormula, LagrangeStateFormula):
+        parts = (formula(*[0.0] * len(formula._fields)),)
+        code = assembly_of_key(KernelKey(fill, parts, "float64", WIDTH, FILL))
+        packed, scalar, multiplied, one_by_one = (
+            len(re.findall(rf"\b{word}\b", code)) for word in words
+        )
         assert packed > 30  # 37 and 55: eleven doublings with one or two arctangents
         assert multiplied > 300  # 325 and 381
         assert scalar == one_by_one == 0
-
-
-def _environment():
-    return {k: v for k, v in os.environ.items() if k != "NUMBA_DISABLE_JIT"}

@@ -3,7 +3,9 @@
 import re
 from typing import Any, NamedTuple
 
-from rigidmc.engine.compiler.kernels import KernelKey, dispatcher_of, signature_of
+from rigidmc.engine.compiler.kernels import KernelKey, signature_of
+from rigidmc.engine.compiler.machine_code import lower
+from rigidmc.engine.compiler.pipeline import in_written_order
 from rigidmc.engine.inspection import DIVISION, ROOT, why_scalar
 from rigidmc.engine.kernel.march import march
 from rigidmc.engine.machine import vector_bits
@@ -89,16 +91,25 @@ def case(name, effects=(), attitude=ON, compensated=OFF, dtype="float64", works=
     )
 
 
+def library_of(key):
+    """The LLVM code of a piece and of what it calls, freshly compiled."""
+    signature = signature_of(key)
+    return lower(key.function, signature.args, signature.return_type).library
+
+
+def assembly_of_key(key):
+    """The assembly of a piece, freshly compiled."""
+    with in_written_order():
+        return library_of(key).get_asm_str()
+
+
 def assembly_of(case, lanes):
-    """The assembly of freshly compiled steps; those from the disk cache have none to read."""
+    """The assembly of steps, freshly compiled."""
     groups = static_count(min(lanes, interleaving(case.made.integrator)))
     several = flag(len(case.made.substeps) > 2)
     made, effects, works = case.made.integrator, case.effects, case.works
     parts = made, effects, case.attitude, case.compensated, works, groups, several, OFF
-    compiled = dispatcher_of(march)
-    compiled.compile(signature_of(KernelKey(march, parts, case.dtype, lanes, MARCH)))
-    (assembly,) = compiled.inspect_asm().values()
-    return assembly
+    return assembly_of_key(KernelKey(march, parts, case.dtype, lanes, MARCH))
 
 
 def counted(case):

@@ -287,7 +287,7 @@ def fake(monkeypatch):
             monkeypatch.setattr(linked, "link_kernel", lambda *given: link_kernel(*given[:3]))
             monkeypatch.setattr(cuda, "ptx_of", lambda module, _: optimised_text(str(module)))
             # which is no PTX and must not go to the disk cache
-            monkeypatch.setattr(linked, "cached_text", lambda types, more, make: make())
+            monkeypatch.setattr(linked, "cached_text", lambda entry, make: make())
         cuda_device.devices.cache_clear()
         return driver
 

@@ -483,7 +483,7 @@ def cache(count, folder, some):
             os.path.join(top, name)
             for top, _, names in os.walk(kernels)
             for name in names
-            if name.endswith(".nbc")
+            if name.endswith((".bc", ".o"))
         ]
 
     _, expected = made()

@@ -21,7 +21,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 import rigidmc as rm
-from rigidmc.engine.compiler import kernels
+from rigidmc.engine.compiler import machine_code
 from rigidmc.runs import prepare
 from rigidmc.runs.directory import shards
 from rigidmc.studies.accuracy import study as accuracy
@@ -98,10 +98,10 @@ def good(tmp_path_factory):
 @contextlib.contextmanager
 def bounded():
     """Compile no kernel that the good files do not need, measure no price, make no long run."""
-    address, compute = kernels._address, prepare.compute
+    address, compute = machine_code.address_of, prepare.compute
 
     def known(function, signature):
-        if (function, signature.args) not in kernels._by_types:
+        if machine_code.kernel_entry(function, signature).name not in machine_code._addresses:
             raise Passed
         return address(function, signature)
 
@@ -115,7 +115,8 @@ def bounded():
 
     with contextlib.ExitStack() as held:
         for where, name, what in (
-            (kernels, "_address", known), (prepare, "compute", short), (shards, "compute", short),
+            (machine_code, "address_of", known), (prepare, "compute", short),
+            (shards, "compute", short),
             (estimate, "cost_per_step", passed),
             (accuracy, "work_precision", passed), (hard_cases, "run_cases", passed),
             (trust, "trust", passed),

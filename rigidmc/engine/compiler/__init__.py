@@ -16,11 +16,12 @@ once, for all scenes and all custom classes: it finds each kernel by its address
 
 Example, RK4 and gravity: `Program` makes KernelKey(march, (RK4, (Gravity,), flags ...), "float64",
 8 lanes). Its types are the signature. If neither memory nor disk has code for it, Numba lowers
-`march` and all functions it calls, `fuse` fuses products, the whole is inlined and optimised once,
-and the machine code goes to a file named by a hash. The record of the loop gets the address.
-Gravity on the Moon has the same types: nothing is compiled.
+`march` and all functions it calls, `fuse` fuses products, and the whole is inlined and optimised
+once. This LLVM code and the machine code made from it go to two files named by hashes: another
+processor needs the second only. The record of the loop gets the address. Gravity on the Moon has
+the same types: nothing is compiled.
 
-The files, in reading order; `disk_cache` to `numba_extensions` can wait:
+The files, in reading order; `machine_code` to `numba_extensions` can wait:
 
 kernels            KernelKey, `compile_kernel`, and calls of a kernel from Python and from another
 trees              StaticTree: nested NamedTuples as types, their numbers from memory or from rows
@@ -28,13 +29,15 @@ compose            plain functions and methods of NamedTuples, called by the typ
                    inlined; a tuple of effects is unrolled by recursion on its type
 vector_types       one number from each of several members as one vector: float64x16, and masks
 intrinsics         functions with special code: a choice by a mask, another precision
+math_functions     the functions of `math` that custom code may call
 memory             rows of vectors as a type; uncompiled they are arrays
 pipeline           how Numba's passes run, and when code is inlined and optimised: once, in the
                    kernel
 lean_passes        Numba's passes without the work that these functions do not need
-inlined            an inlined function, compiled for the types of a call
+inlined            a kernel or an inlined function, compiled for the types of a call
 fma                the one rule that decides which products are fused with sums
-disk_cache         kernels on disk, named by a hash of all their inputs
+machine_code       from a kernel to LLVM code, machine code and its address
+disk_cache         code on disk, named by a hash of all its inputs
 source_stamps      that hash for modules of the package
 user_stamps        that hash for a custom class
 frozen             copies of custom classes, which are what Numba sees: a user may change a class

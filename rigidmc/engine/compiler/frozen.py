@@ -7,7 +7,6 @@ reads, and of the globals that these read. A class whose stamp has changed gets 
 it new code everywhere; a class that has changed back gets the old copy, and its code from memory.
 """
 
-import hashlib
 import inspect
 import operator
 import threading
@@ -253,30 +252,18 @@ class _Copier:
         made.disable_compile()
 
 
-def homes_of(signature: Any) -> list[str] | None:
+def homes_of(signature: Any) -> list[str | int]:
     """Return identifiers that distinguish the classes of a signature from namesakes.
 
-    Each is a module of the package and the stamp of its sources, or the stamp of a custom class.
-    Return None if a class has no stamp.
+    Each is a module of the package and the stamp of its sources, or the stamp of a custom class; a
+    number, valid in this process alone, for a class without a stamp.
 
     signature : of a compiled function, or its types
     """
-    homes = []
-    for cls in classes_of(signature):
-        home = copy_of(cls).stamp if is_custom(cls) else with_sources(cls.__module__)
-        if home is None:
-            return None
-        homes.append(home)
-    return homes
-
-
-def tag_of(signature: Any) -> str:
-    """Return the suffix of the names of compiled functions.
-
-    Numba counts the functions of a process. With only this number and the types in its name, code
-    from the disk could have the name of other code of this process, and run in its place.
-    """
-    return hashlib.sha256(repr(homes_of(signature)).encode()).hexdigest()[:16]
+    return [
+        copy_of(cls).stamp or id(cls) if is_custom(cls) else with_sources(cls.__module__)
+        for cls in classes_of(signature)
+    ]
 
 
 def classes_of(signature: Any) -> list[type]:

@@ -1,4 +1,4 @@
-"""Functions of the package, compiled for the argument types of a kernel's call.
+"""Functions of the package, compiled for the types of arguments: kernels, and what they inline.
 
 In a few scenes a function is compiled for 3 sets of types. Its bytecode is read once: Numba's
 untyped form is copied.
@@ -8,6 +8,7 @@ import copy
 import functools
 from typing import Any
 
+import numba
 from numba import njit
 from numba.core import compiler, ir
 from numba.core.bytecode import FunctionIdentity
@@ -21,19 +22,17 @@ from numba.parfors.parfor import ParforDiagnostics
 from rigidmc.engine.compiler.pipeline import INLINE, Pipeline
 
 
-class _InlinePipeline(Pipeline):
-    """The pipeline of an inlined function, with the state that Numba gives it.
+class _Pipeline(Pipeline):
+    """The pipeline of a kernel or of an inlined function, with the state that Numba gives it."""
 
-    It is part of the compilation of a kernel, for which Numba has just read its settings and
-    extensions.
-    """
-
-    def __init__(self, arguments: tuple[Any, ...]) -> None:
-        flags, target = _flags_and_target()
+    def __init__(
+        self, arguments: tuple[Any, ...], result: Any = None, inlines: bool = True
+    ) -> None:
+        flags, target = _flags_and_target(inlines)
         diagnostics = ParforDiagnostics()
         self.state = compiler.StateDict(
             typingctx=cpu_target.typing_context, targetctx=target, library=None, pipeline=self,
-            args=arguments, return_type=None, flags=flags, locals={}, bc=None, func_id=None,
+            args=arguments, return_type=result, flags=flags, locals={}, bc=None, func_id=None,
             func_ir=None, lifted=(), lifted_from=None, typemap=None, calltypes=None,
             type_annotation=None, reload_init=[], parfor_diagnostics=diagnostics,
             metadata={"parfor_diagnostics": diagnostics, "parfors": {}},
@@ -56,14 +55,26 @@ class _InlinePipeline(Pipeline):
 
 
 def compile_inlined(function: Any, arguments: tuple[Any, ...]) -> Any:
-    """Compile an inlined function of the package for arguments of these types."""
-    return _InlinePipeline(arguments).compile_extra(function)
+    """Compile an inlined function of the package for arguments of these types.
+
+    It is part of the compilation of a kernel, for which Numba has just read its settings and
+    extensions.
+    """
+    return _Pipeline(arguments).compile_extra(function)
+
+
+def compile_as_kernel(function: Any, arguments: tuple[Any, ...], result: Any = None) -> Any:
+    """Compile a function of the package, with all that it calls, to one optimised LLVM module."""
+    numba.config.reload_config()
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()
+    return _Pipeline(arguments, result, inlines=False).compile_extra(function)
 
 
 @functools.cache
-def _flags_and_target() -> tuple[Any, Any]:
-    """Return Numba's flags and context for all inlined functions."""
-    options = njit(**INLINE)(compile_inlined).targetoptions
+def _flags_and_target(inlines: bool) -> tuple[Any, Any]:
+    """Return Numba's flags and context for all inlined functions, or for all kernels."""
+    options = njit(**{**INLINE, "forceinline": inlines})(compile_inlined).targetoptions
     cpu_target.options.parse_as_flags(flags := compiler.Flags(), options)
     return flags, compiler._make_subtarget(cpu_target.target_context, flags)
 

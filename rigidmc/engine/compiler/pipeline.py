@@ -24,7 +24,6 @@ from numba.core.typed_passes import NativeLowering, NopythonTypeInference
 from numba.core.typeinfer import TypeInferer
 
 from rigidmc.engine.compiler.fma import fuse
-from rigidmc.engine.compiler.frozen import tag_of
 from rigidmc.engine.compiler.lean_passes import LEAN, UNUSED_PASSES, LeanPasses
 from rigidmc.engine.machine import vector_registers
 
@@ -128,8 +127,7 @@ class LeanLower(Lower):
             super().lower_inst(inst)
 
     def emit_environment_object(self) -> None:
-        if not self.flags.forceinline:  # Python never calls an inlined function
-            super().emit_environment_object()
+        pass  # Python never calls the function
 
     def alloca_lltype(self, name: str, lltype: Any, datamodel: Any = None) -> Any:
         # Numba computes the size of each variable for a debugger.
@@ -244,16 +242,10 @@ def in_written_order() -> Iterator[None]:
 
 
 class KernelLibrary(JITCodeLibrary):
-    """A kernel: all calls are inlined recursively, then it is optimised once."""
+    """A kernel: all calls are inlined recursively, then it is optimised once.
 
-    def _finalize_specific(self) -> None:
-        with in_written_order():
-            super()._finalize_specific()
-
-    def get_asm_str(self) -> str:
-        """Return the machine code that runs, for tests to read."""
-        with in_written_order():
-            return str(super().get_asm_str())
+    Its machine code is made elsewhere, see `rigidmc.engine.compiler.machine_code`.
+    """
 
     def finalize(self) -> None:
         libraries, left = dict.fromkeys(self._linking_libraries), list(self._linking_libraries)
@@ -275,6 +267,9 @@ class KernelLibrary(JITCodeLibrary):
         )
         passes.run(self._final_module, builder)
 
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class FusingLowering(NativeLowering):
@@ -283,23 +278,22 @@ class FusingLowering(NativeLowering):
     _name = "rigidmc_fusing_lowering"
 
     def run_pass(self, state: Any) -> bool:
-        context, name = state.targetctx, state.func_id.func_qualname
-        if not state.flags.forceinline:
-            # Numba numbers the functions of a process: the name also gets a tag of the types, see
-            # `tag_of`.
-            identity = state.func_ir.func_id
-            identity.unique_id = f"{identity.unique_id}{tag_of(state.args)}"
-            state.library = KernelLibrary(context.codegen(), name)
-            state.library.enable_object_caching()
-            return bool(super().run_pass(state))
-        state.library, state.flags.no_compile = InlineLibrary(context.codegen(), name), True
+        context, name, inlines = (
+            state.targetctx,
+            state.func_id.func_qualname,
+            state.flags.forceinline,
+        )
+        state.library = (InlineLibrary if inlines else KernelLibrary)(context.codegen(), name)
+        state.flags.no_compile = True
         super().run_pass(state)
-        result = state.cr
-        module = result.fndesc.lookup_module()
-        # Numba requires an entry point; it is never called
-        entry = make_function(module, name, "inlined", 0, result.env, (state.library,))
-        context.insert_user_function(entry, result.fndesc, [state.library])
-        state.cr = result._replace(cfunc=entry)
+        state.library.finalize()
+        if inlines:
+            result = state.cr
+            module = result.fndesc.lookup_module()
+            # Numba requires an entry point; it is never called
+            entry = make_function(module, name, "inlined", 0, result.env, (state.library,))
+            context.insert_user_function(entry, result.fndesc, [state.library])
+            state.cr = result._replace(cfunc=entry)
         return True
 
     @property
@@ -365,5 +359,7 @@ def _lean_passes(state: Any) -> Any:
 # No fast-math flag: "nnan" or "ninf" would delete the check for non-finite members, "contract"
 # would make bits depend on the code around them, "nsz" would change the sign of a zero. Without
 # debugging information a product stays in its register, where `fuse` finds it.
-FLAGS = {"error_model": "numpy", "debug": False, "pipeline_class": Pipeline}
-INLINE: Any = {**FLAGS, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+INLINE: Any = {
+    "error_model": "numpy", "debug": False, "pipeline_class": Pipeline, "forceinline": True,
+    "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
+}  # fmt: skip

@@ -257,8 +257,8 @@ def next_attitude(attitude, new, q):
 
 def is_finite(q, l, energy, l2):
     """Return whether all numbers of a state are finite."""
-    # 0 times inf or nan is nan, which equals nothing. LLVM may not fold this: FLAGS of the pipeline
-    # promise neither nnan nor ninf.
+    # 0 times inf or nan is nan, which equals nothing. LLVM may not fold this: it has no promise of
+    # "nnan" or "ninf".
     return 0.0 * (energy + l2 + q[0] + q[1] + q[2] + q[3]) == 0.0
 
 

@@ -17,7 +17,7 @@ from numba.core import types
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import any_of
-from rigidmc.engine.compiler.kernels import llvm_of_function
+from rigidmc.engine.compiler.machine_code import llvm_of_function
 from rigidmc.engine.compiler.vector_types import VectorType
 from rigidmc.engine.linked import join_code
 from rigidmc.errors import OptionError

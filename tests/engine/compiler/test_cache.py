@@ -3,8 +3,8 @@
 Each test runs a copy of the package in separate processes, with a separate cache folder.
 """
 
+import ctypes
 import errno
-import hashlib
 import json
 import os
 import random
@@ -16,14 +16,14 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple
 
+import llvmlite.binding as llvm
 import numba
 import pytest
 
 import rigidmc
 from rigidmc.engine import compile_time
-from rigidmc.engine.compiler import disk_cache, frozen
-from rigidmc.engine.compiler.disk_cache import with_cache
-from rigidmc.engine.compiler.frozen import homes_of
+from rigidmc.engine.compiler import disk_cache, frozen, machine_code
+from rigidmc.engine.machine import vector_bits
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.integrators.protocol import step
 from rigidmc.physics.integrators.rk4 import RK4
@@ -40,7 +40,7 @@ import numpy as np
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects import ViscousDamping
 from rigidmc.engine import compile_helper, program
-from rigidmc.engine.compiler import kernels
+from rigidmc.engine.compiler import machine_code
 from rigidmc.engine.kernel import arguments, block as one_block
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.integrators import scheme_of
@@ -62,11 +62,12 @@ block[:K.EXTRA] = np.array([0.6, 0.0, 0.8, 0.0, 1.0, 2.0, 3.0])[:, None]
 block[K.BODY:K.EFFECTS] = np.array(MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3))[:9])[:, None]
 block[K.EFFECTS:] = effect[0] if effect else 0.0
 compile_helper.threads_available = lambda: 1  # no second process: what is counted is compiled here
+lowered, lower = [], machine_code.lower
+machine_code.lower = lambda *given: lowered.append(given) or lower(*given)
 steps = arguments.StepRange(0.01, 1, 4, 4, 0, 0, 4)
 program.Program(scheme_of(RK4()), effects).advance(block, steps)
-known = kernels._dispatchers.values()
-hits = sum(sum(d.stats.cache_hits.values()) for d in known)
-misses = sum(sum(d.stats.cache_misses.values()) for d in known)
+misses = len(lowered)
+hits = len(machine_code._addresses) - misses
 state, home = block[:K.EXTRA, 0].tolist(), os.path.dirname(one_block.__file__)
 print(json.dumps({"state": state, "hits": hits, "misses": misses, "home": home}))
 """
@@ -83,14 +84,14 @@ def place(tmp_path):
     return tmp_path
 
 
-def ran(place, effect="damping", cache=None, sign=1):
+def ran(place, effect="damping", sign=1, **settings):
     """(the output of a process with that effect, its log)."""
-    cache = cache or place / "cache"
     environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA")}
     environment |= {
-        "RIGIDMC_CACHE_DIR": str(cache),
+        "RIGIDMC_CACHE_DIR": str(place / "cache"),
         "PYTHONPATH": str(place),
         "PYTHONDONTWRITEBYTECODE": "1",
+        **settings,
     }
     done = subprocess.run(
         [sys.executable, "-c", RUN.replace("SIGN", str(sign)), effect],
@@ -108,8 +109,9 @@ def ran(place, effect="damping", cache=None, sign=1):
 PIECES = 6  # gather, scatter, initialise, march, assess, and the loop over members
 
 
-def kernels_in(folder):
-    return sorted(folder.rglob("*.nbc"))
+def kernels_in(folder, kind="o"):
+    """The files of machine code, or with "bc" of LLVM code."""
+    return sorted(folder.rglob(f"*.{kind}"))
 
 
 def edit(place, path, old, new):
@@ -134,11 +136,11 @@ def test_a_changed_source_changes_the_kernels_that_read_it(place):
     kept = [ours / "thesis", place / "cache" / "thesis", place / "cache" / ("4" * 32), unmarked]
     for folder in (forgotten, young, *kept):
         folder.mkdir()
-        (folder / "kernel.nbc").touch()
+        (folder / "kernel.o").touch()
         if folder != unmarked:
             (folder / "made-by-rigidmc").touch()
     linked.symlink_to(kept[1])
-    unread = kernel.with_name("unread.nbc")
+    unread = kernel.with_name("unread.bc")
     unread.touch()
     for folder in (forgotten, *kept):
         for file in folder.iterdir():
@@ -152,7 +154,7 @@ def test_a_changed_source_changes_the_kernels_that_read_it(place):
     assert changed["state"] != first["state"]
     # A process that stores kernels deletes those that none has read for a month.
     assert all(folder.exists() for folder in (young, linked, *kept))
-    assert all((folder / "kernel.nbc").exists() for folder in (young, *kept))
+    assert all((folder / "kernel.o").exists() for folder in (young, *kept))
     assert not forgotten.exists() and not unread.exists()
 
     # Back again, and the old kernel is still there: loaded, not compiled, whatever has changed in
@@ -175,20 +177,20 @@ TRACED = """
 import json, os
 from collections import defaultdict
 from rigidmc.engine import compile_helper
-from rigidmc.engine.compiler import compose, disk_cache, frozen, kernels, pipeline
+from rigidmc.engine.compiler import compose, frozen, machine_code, pipeline
 from rigidmc.engine.compiler.source_stamps import closure_of
 from rigidmc.processes.helpers import PACKAGE
 import rigidmc as rm
 
-plain, define = kernels._loaded_or_compiled, pipeline.Pipeline.define_pipelines
+plain, define = machine_code.lower, pipeline.Pipeline.define_pipelines
 signature_of = compose.InlinedFunction.signature_of
 files, calls, stack, homes = defaultdict(set), defaultdict(set), [None], {}
 
-def kernel(dispatcher, signature):
-    stack.append((dispatcher.py_func, signature.args))
-    homes[stack[-1]] = {cls.__module__ for cls in frozen.classes_of(signature)}
+def kernel(function, *types):
+    stack.append((function, types[0]))
+    homes[stack[-1]] = {cls.__module__ for cls in frozen.classes_of(types[0])}
     try:
-        return plain(dispatcher, signature)
+        return plain(function, *types)
     finally:
         stack.pop()
 
@@ -207,9 +209,9 @@ def compiled(self):
         files[stack[-1]].add(os.path.relpath(file, PACKAGE))
     return define(self)
 
-kernels._loaded_or_compiled, pipeline.Pipeline.define_pipelines = kernel, compiled
+machine_code.lower, pipeline.Pipeline.define_pipelines = kernel, compiled
 compose.InlinedFunction.signature_of = inlined
-disk_cache.with_cache = lambda kernel: kernel
+machine_code.read = lambda entry: None
 compile_helper.threads_available = lambda: 1
 body = rm.Body.from_moments((1, 2, 2.8), mass=1.0, centre=(0, 0, 0.1))
 scene = rm.Scene(body, (rm.Gravity(9.81), rm.ViscousDamping(0.1)), rm.Start(omega=(0.1, 1, 2)))
@@ -251,26 +253,60 @@ def test_the_stamp_of_a_kernel_has_every_source_compiled_for_it(runs, tmp_path):
     assert max(counts) > 10 and missed == []
 
 
-@pytest.mark.slow
-def test_a_torn_kernel_file_is_compiled_again(place):
-    first, _ = ran(place, "none")
+def test_another_processor_needs_no_typing_and_lowering(place):
+    """LLVM code is the same for all processors with vectors of this width."""
+    first, _ = ran(place)
     for kernel in kernels_in(place / "cache"):
-        kernel.write_bytes(kernel.read_bytes()[:100])
-    again, _ = ran(place, "none")
-    assert again["state"] == first["state"]
+        kernel.unlink()
+    again, _ = ran(place)
+    assert again == first | {"hits": PIECES, "misses": 0}
+    assert len(kernels_in(place / "cache")) == PIECES
+
+    features = llvm.get_host_cpu_features()
+    few = features.flatten().replace("+avx512f", "+avx512f,-prefer-256-bit").replace("+aes", "-aes")
+    codes = kernels_in(place / "cache", "bc")
+    other, _ = ran(place, NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES=few)
+    assert other == again and kernels_in(place / "cache", "bc") == codes
+    assert len(kernels_in(place / "cache")) == 2 * PIECES
+
+    for code in (*codes, *kernels_in(place / "cache")):
+        code.write_bytes(code.read_bytes()[:100])
+    assert ran(place)[0] == first
 
 
 WARNING = "rigidmc WARNING cannot use the kernel cache"
+REAL = numba.float64(numba.float64)
+
+
+def twice(x):
+    return 2.0 * x
+
+
+def thrice(x):
+    return 3.0 * x
+
+
+def computed(function, x):
+    """What compiled code computes in a process that has compiled nothing."""
+    machine_code._addresses.clear()
+    machine_code._llvm_code.clear()
+    pointer = ctypes.c_void_p
+    call = ctypes.CFUNCTYPE(ctypes.c_int32, pointer, pointer, ctypes.c_double)
+    result, error = ctypes.c_double(), pointer()
+    address = machine_code.address_of(function, REAL)
+    call(address)(ctypes.byref(result), ctypes.byref(error), x)
+    return result.value
 
 
 @pytest.fixture
 def small(monkeypatch, caplog):
     """What compiles a small function with a cache in a folder; the lines of the log."""
     monkeypatch.setattr(disk_cache, "_TOLD", set())
+    monkeypatch.setattr(machine_code, "_addresses", {})
 
     def compiled(folder):
         monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(folder))
-        assert with_cache(numba.njit(lambda x: 2.0 * x))(1.5) == 3.0
+        assert computed(twice, 1.5) == 3.0
         return [f"{one.name} {one.levelname} {one.getMessage()}" for one in caplog.records]
 
     return compiled
@@ -311,7 +347,7 @@ def test_a_folder_that_is_not_private_is_not_touched(tmp_path, monkeypatch):
     compile_time._learn(2.0)
     with pytest.raises(PermissionError, match="not private"):
         disk_cache.kernel_folder()
-    assert with_cache(numba.njit(lambda x: 2.0 * x))(1.5) == 3.0
+    assert computed(twice, 1.5) == 3.0
     assert sorted(map(str, tmp_path.rglob("*"))) == there and mine.read_text() == "mine"
 
 
@@ -327,7 +363,8 @@ def test_a_class_of_a_script_has_no_stamp():
     script = {"__name__": "__main__", "NamedTuple": NamedTuple, "SIGN": 1}
     exec(lines, script)
     assert frozen.stamp_of(script["Own"]) is None
-    assert homes_of(numba.float64(numba.typeof(frozen.frozen(script["Own"](0.5))))) is None
+    signature = numba.float64(numba.typeof(frozen.frozen(script["Own"](0.5))))
+    assert not disk_cache.entry_of([signature]).is_lasting
 
 
 @pytest.mark.slow  # 12 s: two processes, each of which compiles
@@ -365,25 +402,26 @@ def test_a_user_effect_works_and_is_never_taken_from_the_cache(place):
 
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
-    """(a small function with the cache of kernels, its key, its file there)."""
+    """The files of LLVM code and of machine code of a small function."""
     monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(disk_cache, "_TOLD", set())
-    made = with_cache(numba.njit(lambda x: 2.0 * x))
-    assert made(1.5) == 3.0
-    (file,) = kernels_in(tmp_path / "cache")
-    return made, made._cache._index_key((numba.float64,), made.targetctx.codegen()), file
+    monkeypatch.setattr(machine_code, "_addresses", {})
+    assert computed(twice, 1.5) == 3.0
+    return [file for kind in ("bc", "o") for file in kernels_in(tmp_path / "cache", kind)]
 
 
-def test_a_kernel_with_any_flipped_bit_is_not_loaded(kept, caplog):
+@pytest.mark.parametrize("level", [0, 1])
+def test_a_kernel_with_any_flipped_bit_is_not_loaded(kept, caplog, level):
     """Without the checksum at its end 269 of 300 such files were loaded, and one run in seven
     crashed.
     """
-    made, key, file = kept
-    data, some = file.read_bytes(), random.Random(5)
+    file, some = kept[level], random.Random(5)
+    data, entry = file.read_bytes(), disk_cache.Entry(file.name, True)
     bad = [data[:cut] for cut in (0, 1, 31, 32, 33, len(data) // 2, len(data) - 1)] + [
         data + b"x",
         b"\0" * len(data),
         data[32:],
+        kept[1 - level].read_bytes(),
     ]
     for _ in range(300):
         torn = bytearray(data)
@@ -391,42 +429,54 @@ def test_a_kernel_with_any_flipped_bit_is_not_loaded(kept, caplog):
         bad.append(bytes(torn))
     for torn in bad:
         file.write_bytes(torn)
-        assert made._cache._cache_file.load(key) is None and not file.exists()
-    again = with_cache(numba.njit(made.py_func))
-    assert again(1.5) == 3.0
-    assert file.read_bytes()[-32:] == hashlib.sha256(file.read_bytes()[:-32]).digest()
-    assert made._cache._cache_file.load(key) is not None and not caplog.records
+        assert disk_cache.read(entry) is None and not file.exists()
+    for other in kept:
+        other.unlink(missing_ok=True)
+    assert computed(twice, 1.5) == 3.0 and disk_cache.read(entry) and not caplog.records
 
 
-def test_a_kernel_for_another_cpu_is_not_loaded(kept):
+def test_code_of_another_kernel_is_refused(kept):
+    """A file under another name, with the sum that it had."""
+    for other, file in zip(kept, reversed(kept), strict=True):
+        entry = disk_cache.Entry(f"0{file.name}", True)
+        other.with_name(entry.name).write_bytes(file.read_bytes())
+        assert disk_cache.read(entry) is None
+
+
+def test_a_kernel_for_another_cpu_is_not_loaded(kept, monkeypatch):
     """CPUs with the same Python, x86-64 and ARM among them, may share a folder."""
-    made, key, _ = kept
-    here = made.targetctx.codegen().magic_tuple()
+    entry = machine_code.kernel_entry(twice, REAL)
+    assert [entry.name, machine_code._of_processor(entry).name] == [file.name for file in kept]
+    here = machine_code._codegen().magic_tuple()
     for place, word in enumerate(("aarch64-unknown-linux-gnu", "neoverse-n1", "+neon")):
         told = *here[:place], word, *here[place + 1 :]
         other = SimpleNamespace(magic_tuple=lambda told=told: told)
-        assert made._cache._cache_file.load(made._cache._index_key(key[0], other)) is None
-    assert made._cache._cache_file.load(key) is not None
+        with monkeypatch.context() as patch:
+            patch.setattr(machine_code, "_codegen", lambda other=other: other)
+            assert not disk_cache.is_stored(machine_code._of_processor(entry))
+    with monkeypatch.context() as patch:
+        patch.setattr(machine_code, "vector_bits", lambda: 2 * vector_bits())
+        assert not disk_cache.is_stored(machine_code.kernel_entry(twice, REAL))
+    with monkeypatch.context() as patch:
+        patch.setattr(llvm, "get_process_triple", lambda: "aarch64-unknown-linux-gnu")
+        assert not disk_cache.is_stored(machine_code.kernel_entry(twice, REAL))
+    assert disk_cache.is_stored(entry)
 
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EIO, errno.EROFS])
 @pytest.mark.parametrize("what", ["written", "read"])
 def test_a_cache_that_fails_costs_one_line(kept, caplog, monkeypatch, code, what):
-    made, _, file = kept
-    real, failed = open, []
+    folder, real, failed = kept[0].parent, open, []
 
     def failing(path, *mode, **named):
-        if str(file.parent) in str(path) and (what == "written") == (mode[:1] == ("wb",)):
+        if str(folder) in str(path) and (what == "written") == (mode[:1] == ("wb",)):
             failed.append(path)
             raise OSError(code, os.strerror(code), path)
         return real(path, *mode, **named)
 
     monkeypatch.setattr("builtins.open", failing)
-    for factor in (3.0, 5.0):
-        other = with_cache(
-            numba.njit(made.py_func if what == "read" else lambda x, factor=factor: factor * x)
-        )
-        assert other(1.0) in (2.0, factor)
-    assert len(failed) == 2 and len(caplog.records) == 1
-    assert str(file.parent.parent) in caplog.text and os.strerror(code) in caplog.text
-    assert not [name for name in os.listdir(file.parent) if ".tmp." in name]
+    for _ in range(2):
+        assert computed(twice if what == "read" else thrice, 1.0) in (2.0, 3.0)
+    assert len(failed) >= 2 and len(caplog.records) == 1
+    assert str(folder.parent) in caplog.text and os.strerror(code) in caplog.text
+    assert {file.suffix for file in folder.iterdir()} <= {"", ".bc", ".o"}

@@ -9,7 +9,6 @@ import hashlib
 import itertools
 import json
 import os
-import pickle
 import subprocess
 import sys
 
@@ -18,7 +17,7 @@ import numpy as np
 import pytest
 from numba.core.compiler import CompilerBase
 
-from rigidmc.engine.compiler import disk_cache, frozen, kernels
+from rigidmc.engine.compiler import disk_cache, frozen, kernels, machine_code
 from rigidmc.engine.compiler.kernels import config
 from rigidmc.engine.formulas import evaluate_forces
 from rigidmc.files.user_code import class_of
@@ -141,7 +140,7 @@ def counted(self, *arguments):
 compiler.CompilerBase._compile_core = counted
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects.sums import total_torque
-from rigidmc.engine.compiler import frozen, kernels
+from rigidmc.engine.compiler import frozen, machine_code
 from rigidmc.engine.formulas import evaluate_forces
 from rigidmc.files.user_code import class_of
 
@@ -156,9 +155,9 @@ for kind, found, compiled in lines:  # at the end: Python, too, lets Numba compi
     wanted = total_torque((kind(0.3, 0.7),), body, 0.0, *state)
     right = bool(np.allclose(found, wanted, rtol=1e-12, atol=0.0))
     print(json.dumps([found[0].hex(), right, compiled, why]))
-for (function, types), address in kernels._by_types.items():
-    code = kernels._dispatchers[function].overloads[types]
-    assert code.library.get_pointer_to_function(code.fndesc.llvm_func_name) == address
+engine = machine_code._codegen()._engine._ee
+for name, address in machine_code._addresses.items():
+    assert engine.get_function_address(f"kernel_{name[:32]}") == address
 """
 
 
@@ -288,7 +287,7 @@ def test_what_no_stamp_tells_is_compiled_in_every_process(tmp_path, reasons):
         found = ran(tmp_path / "bare", *folders)
         for reason, (_, right, compiled, why) in zip(reasons, found, strict=True):
             assert (why, right) == (reason, True) and compiled > 0, reason
-    assert not list((tmp_path / "bare").rglob("*.nbc"))
+    assert not list((tmp_path / "bare").rglob("*.o"))
 
 
 TEACHING = (
@@ -323,7 +322,7 @@ def test_who_teaches_numba_is_compiled_in_every_process(place):
     ]
     one, other = (ran(place / "taught", folder)[0] for folder in folders)
     assert one[0] != other[0] and one[1] and other[1] and one[2] > 0 and other[2] > 0
-    assert "extends Numba" in one[3] and not list((place / "taught").rglob("*.nbc"))
+    assert "extends Numba" in one[3] and not list((place / "taught").rglob("*.o"))
 
 
 NUMBERS = itertools.count()
@@ -393,7 +392,9 @@ def compiled(tmp_path, monkeypatch):
 
     def functions(kind):
         count.clear()
-        monkeypatch.setattr(kernels, "_dispatchers", {})
+        for module in kernels, machine_code:
+            monkeypatch.setattr(module, "_addresses", {})
+        monkeypatch.setattr(machine_code, "_llvm_code", {})
         state = (1.0, 0.0, 0.0, 0.0), (1.0, 2.0, 3.0)
         found = evaluate_forces((kind(0.3, 0.7),), MassProperties(*[1.0] * 9), *state)
         assert found[:3].tolist() == pytest.approx([1.5 * 0.3, 0.7, 0.0], rel=1e-15)
@@ -412,16 +413,19 @@ def test_a_file_of_an_own_part_is_taken_from_a_private_cache_only(
         return compiled(loaded(place, "private", SIMPLE))
 
     assert again() > 0 and again() == 0
-    (file,) = (tmp_path / "cache").rglob("*.nbc")
+    (file,), (machine_code,) = ((tmp_path / "cache").rglob(f"*.{kind}") for kind in ("bc", "o"))
     data, aside = file.read_bytes(), tmp_path / "aside"
     torn = bytearray(data)
     torn[len(data) // 2] ^= 1
     file.write_bytes(torn)
+    assert again() == 0  # from the machine code
+    machine_code.write_bytes(torn)
     assert again() > 0 and again() == 0 and not caplog.records
 
     aside.write_bytes(data)
-    file.unlink()
-    file.symlink_to(aside)
+    for each in file, machine_code:
+        each.unlink()
+        each.symlink_to(aside)
     assert again() > 0 and "is a link" in caplog.text
     assert aside.read_bytes() == data and not file.is_symlink()
 
@@ -435,24 +439,16 @@ def test_a_file_of_an_own_part_is_taken_from_a_private_cache_only(
     assert again() == 0
 
 
-class Planted:
-    def __reduce__(self):
-        return os.system, ("echo planted > planted",)
-
-
-def test_a_file_names_nothing_but_the_package_and_numba(
-    place, compiled, tmp_path, caplog, monkeypatch
-):
-    """With a right sum, before: the command ran."""
-    monkeypatch.chdir(tmp_path)
+def test_llvm_code_with_a_right_sum_and_no_code_is_replaced(place, compiled, tmp_path, caplog):
+    """Nothing in it runs: when files were pickles, such a file could name a command."""
     assert compiled(loaded(place, "planted", SIMPLE)) > 0
-    (file,) = (tmp_path / "cache").rglob("*.nbc")
-    packed = pickle.dumps(Planted())
-    file.write_bytes(packed + hashlib.sha256(packed).digest())
+    (file,), (machine_code,) = ((tmp_path / "cache").rglob(f"*.{kind}") for kind in ("bc", "o"))
+    content = b"no code" * 100
+    file.write_bytes(content + hashlib.sha256(file.name.encode() + content).digest())
+    machine_code.unlink()
     assert compiled(loaded(place, "planted", SIMPLE)) > 0
-    assert "a kernel names" in caplog.text and not (tmp_path / "planted").exists()
-    for word in (b"own_code_", b"__main__"):
-        assert word + b"\0" not in file.read_bytes()
+    assert "cannot use the kernel cache" in caplog.text
+    assert compiled(loaded(place, "planted", SIMPLE)) == 0
 
 
 def test_two_classes_of_one_name_in_a_signature_keep_their_places(place, compiled):

@@ -7,7 +7,8 @@ buffer: numbers in brackets are measured on a Zen 4 ("znver4" to LLVM), the othe
 import pytest
 
 import rigidmc as rm
-from rigidmc.engine.compiler.kernels import config, dispatcher_of, signature_of
+from rigidmc.engine.compiler.kernels import config
+from tests.tools.assembly import library_of
 from tests.tools.plans import program_of
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
@@ -49,17 +50,9 @@ def asked(integrator, heavy, save, effects=()):
     return program_of(scene).kernel_keys
 
 
-def compiled(key):
-    """The library of a piece, compiled here, because code from the disk cache has none to read."""
-    dispatcher = dispatcher_of(key.function)
-    dispatcher.compile(signature_of(key))
-    (made,) = dispatcher.overloads.values()
-    return made.library
-
-
 def instructions(kernel):
     """The number of LLVM instructions of a piece after optimisation."""
-    lines = compiled(kernel).get_llvm_str().splitlines()
+    lines = library_of(kernel).get_llvm_str().splitlines()
     return sum(line.startswith("  ") and line[2] != " " for line in lines)
 
 
@@ -86,7 +79,7 @@ def test_deviates_are_compiled_for_random_effects_alone():
     """What the optimiser removes again takes its time: `march` with gravity took 1.8 s, not 1.2."""
 
     def called(effects):
-        libraries = compiled(asked("strang", False, "omega", effects)["march"])._linking_libraries
+        libraries = library_of(asked("strang", False, "omega", effects)["march"])._linking_libraries
         return {library.name for library in libraries}
 
     assert "philox" not in called((rm.Gravity(9.81), rm.ViscousDamping(0.1)))

@@ -5,16 +5,15 @@ In plain Python and in the form that compiled code uses.
 
 import math
 from fractions import Fraction
+from typing import NamedTuple
 
 import mpmath as mp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numba import njit
 
-from rigidmc.engine.compiler import kernels  # noqa: F401  (sets the vector width before anything is compiled)
-from rigidmc.engine.compiler.pipeline import FLAGS
+from rigidmc.engine.formulas import evaluate
 from rigidmc.physics.dynamics import so3
 from rigidmc.physics.dynamics.so3 import (  # fmt: skip
     add_compensated,
@@ -38,9 +37,42 @@ from rigidmc.physics.dynamics.so3 import (  # fmt: skip
 )
 from tests.tools.reference import hat, rodrigues, rotation, unit
 
-compiled_sincos = njit(**FLAGS)(lambda x: so3.sincos(x))
-compiled_expm1 = njit(**FLAGS)(lambda x: so3.expm1(x))
-compiled_exponential = njit(**FLAGS)(lambda x, y, z: so3.exponential((x, y, z)))
+
+class Sincos(NamedTuple):
+    x: float
+
+    def values(self):
+        return so3.sincos(self.x)
+
+
+class Expm1(NamedTuple):
+    x: float
+
+    def values(self):
+        return (so3.expm1(self.x),)
+
+
+class Exponential(NamedTuple):
+    x: float
+    y: float
+    z: float
+
+    def values(self):
+        return so3.exponential((self.x, self.y, self.z))
+
+
+def compiled_sincos(x):
+    return evaluate(Sincos, 2, [[x]])[:, 0].tolist()
+
+
+def compiled_expm1(x):
+    return evaluate(Expm1, 1, [[x]])[0, 0]
+
+
+def compiled_exponential(x, y, z):
+    return tuple(evaluate(Exponential, 4, [[x], [y], [z]])[:, 0].tolist())
+
+
 BOTH_SINCOS = pytest.mark.parametrize(
     "function", [sincos, compiled_sincos], ids=["python", "compiled"]
 )
