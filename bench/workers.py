@@ -44,7 +44,7 @@ def stub_name(i):
     return f"{i:08d}-0-{hashlib.sha256(b'%d' % i).hexdigest()[:16]}.nc"
 
 
-def stub(directory, i, allow_code, accept, device):
+def stub(directory, i, how):
     """Write a shard of a few bytes."""
     from rigidmc.files.outputs import write_bytes
 
@@ -98,7 +98,7 @@ async def serve(port, count, way):
 
 def resume(port, path, work, pids):
     """Be the client: resume the run in a directory by stubs; print a row as JSON."""
-    from rigidmc.runs.directory.cluster import compute_on
+    from rigidmc.runs.directory.cluster import Resume, compute_on
     from rigidmc.runs.directory.folder import RunDirectory, status
     from rigidmc.runs.directory.resume import keep_journal
 
@@ -130,11 +130,11 @@ def resume(port, path, work, pids):
     row = {"shards": len(numbers), "error": ""}
     try:
         with directory.locked():
-            directory.note(event="begun")
             address = f"tcp://127.0.0.1:{port}"
             keep_journal(
-                directory, lambda: compute_on(address, directory, numbers, work=globals()[work])
-            )
+                directory, numbers,
+                lambda: compute_on(address, directory, numbers, Resume(), work=globals()[work]),
+            )  # fmt: skip
     except OSError as error:
         row["error"] = str(error)
     row["seconds"], end = time.perf_counter() - began, used()

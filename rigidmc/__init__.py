@@ -36,7 +36,7 @@ _HOMES = {name: f"studies.{name}.study" for name in STUDIES} | {
     "simulate_until": "studies.until",
     "estimate_rqmc": "studies.until",
     "simulate_totals": "studies.totals",
-    "precompile": "runs.precompile",
+    "precompile": "runs.simulate",
     "live": "views.live.page",
     "solve_free_top": "mechanics.free_top",
     "analyse_free_top": "mechanics.free_top",

@@ -47,9 +47,9 @@ from rigidmc.physics.observables import Histogram as Histogram
 from rigidmc.physics.observables import OrbitAngles as OrbitAngles
 from rigidmc.physics.observables import Passage as Passage
 from rigidmc.physics.observables import PointingAngle as PointingAngle
-from rigidmc.runs.precompile import precompile as precompile
 from rigidmc.runs.prepare import PreparedRun as PreparedRun
 from rigidmc.runs.rerun import rerun as rerun
+from rigidmc.runs.simulate import precompile as precompile
 from rigidmc.runs.simulate import prepare as prepare
 from rigidmc.runs.simulate import simulate as simulate
 from rigidmc.scene.body import Body as Body

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
-from rigidmc.inputs.units import unit_of
+from rigidmc.inputs.units import ARGUMENTS, unit_of
 
 
 class Wanted(NamedTuple):
@@ -46,17 +46,6 @@ _WORDS = {  # {quantity: beginnings of names of its components}
     "moments": ("moment", "i", "j"),
     "attitude": ("attitude", "start_attitude", "start_euler", "q", "quat", "euler"),
     "centre": ("centre", "center", "com", "cg", "c", "r"),
-}
-_UNITS = {  # {quantity: exponents of kg, m, s, A}
-    "omega": (0, 0, -1, 0),
-    "momentum": (1, 2, -1, 0),
-    "moments": (1, 2, 0, 0),
-    "tensor": (1, 2, 0, 0),
-    "mass": (1, 0, 0, 0),
-    "masses": (1, 0, 0, 0),
-    "centre": (0, 1, 0, 0),
-    "positions": (0, 1, 0, 0),
-    "attitude": (0, 0, 0, 0),
 }
 
 
@@ -342,8 +331,8 @@ def _check_unit(unit: Any, at: str) -> None:
     """Raise SceneError for a unit other than the SI unit of the quantity."""
     if not isinstance(unit, str) or not unit.strip():
         return
-    found, wanted = _exponents(unit), _UNITS.get(_key(at))
-    if found is None or (wanted is not None and found != wanted):
+    found, wanted = _exponents(unit), {**ARGUMENTS, "attitude": "1"}.get(_key(at))
+    if found is None or (wanted is not None and found != _exponents(wanted)):
         rule = (
             f"its unit is '{unit[:40]}': give numbers in SI units (rad, kg, m, s), and correct or"
             " delete this unit"

@@ -62,45 +62,35 @@ KNOWN = {
     },
 }
 _NAMES = {  # {word: its symbol}, for hints
-    "degree": "deg",
-    "turn": "rev",
-    "revolution": "rev",
-    "radian": "rad",
-    "second": "s",
-    "sec": "s",
-    "minute": "min",
-    "hour": "h",
-    "hr": "h",
-    "day": "d",
-    "metre": "m",
-    "meter": "m",
-    "millimetre": "mm",
-    "millimeter": "mm",
-    "kilometre": "km",
-    "kilometer": "km",
-    "centimetre": "cm",
-    "centimeter": "cm",
-    "inch": "in",
-    "inche": "in",
-    "foot": "ft",
-    "feet": "ft",
-    "gram": "g",
-    "gramme": "g",
-    "kilogram": "kg",
-    "kilo": "kg",
-    "tonne": "t",
-    "pound": "lb",
-    "lbm": "lb",
-    "newton": "N",
-    "joule": "J",
-    "watt": "W",
-    "ampere": "A",
-    "amp": "A",
-    "tesla": "T",
-    "gauss": "G",
-    "rps": "rev/s",
-    "dps": "deg/s",
-    "gm": "g",
+    word: symbol
+    for symbol, words in {
+        "deg": "degree",
+        "rev": "turn revolution",
+        "rad": "radian",
+        "s": "second sec",
+        "min": "minute",
+        "h": "hour hr",
+        "d": "day",
+        "m": "metre meter",
+        "mm": "millimetre millimeter",
+        "km": "kilometre kilometer",
+        "cm": "centimetre centimeter",
+        "in": "inch inche",
+        "ft": "foot feet",
+        "g": "gram gramme gm",
+        "kg": "kilogram kilo",
+        "t": "tonne",
+        "lb": "pound lbm",
+        "N": "newton",
+        "J": "joule",
+        "W": "watt",
+        "A": "ampere amp",
+        "T": "tesla",
+        "G": "gauss",
+        "rev/s": "rps",
+        "deg/s": "dps",
+    }.items()
+    for word in words.split()
 }
 _TEMPERATURE = "temperatures are not taken; kT is an energy, in J"
 _REFUSED = {  # {word: why it is not a unit here}
@@ -295,14 +285,30 @@ def _divided(word: str) -> str | None:
     return None
 
 
+def powers_of(units: str) -> dict[str, int] | None:
+    """Return {symbol: power} of SI units, {"kg": 1, "s": -1} of "kg s-1" and {} of "1"; None for a
+    text that is not a product of powers."""
+    factors = [re.fullmatch(r"(1$|%|[A-Za-zµ°]+)(-?\d+)?", word) for word in units.split()]
+    powers = dict[str, int]()
+    for one in factors:
+        if one is None:
+            return None
+        powers[one[1]] = powers.get(one[1], 0) + int(one[2] or 1)
+    return {symbol: power for symbol, power in powers.items() if power and symbol != "1"}
+
+
+def units_of_powers(powers: Mapping[str, int]) -> str:
+    """Return SI units, such as "kg s-1" of {"kg": 1, "s": -1}; the inverse of `powers_of`."""
+    words = (f"{symbol}{n if n != 1 else ''}" for symbol, n in powers.items() if n)
+    return " ".join(words) or "1"
+
+
 def units_text(units: str) -> str:
     """Return SI units in the notation of messages: "kg m2/s" for "kg m2 s-1"."""
-    top, below = list[str](), list[str]()
-    for word in units.split():
-        symbol, _, power = word.partition("-")
-        (below if power else top).append(symbol + (power if power not in ("", "1") else ""))
-    low = f"({' '.join(below)})" if len(below) > 1 else "".join(below)
-    return f"{' '.join(top) or '1'}{'/' * bool(low)}{low}"
+    powers = powers_of(units) or {}
+    top = units_of_powers({symbol: n for symbol, n in powers.items() if n > 0})
+    below = units_of_powers({symbol: -n for symbol, n in powers.items() if n < 0})
+    return top if below == "1" else f"{top}/({below})" if " " in below else f"{top}/{below}"
 
 
 def what_is(unit: Unit) -> str:
@@ -375,8 +381,10 @@ def from_foreign(value: Any, units: str, at: str) -> Any:
 
 
 def as_measured(value: Any) -> Any:
-    """Return a quantity of pint or astropy, or a text with a unit, as Measured; other values
-    unchanged."""
+    """Return a quantity of pint or astropy, a text with a unit, or a table { value, unit } as
+    Measured; other values unchanged."""
+    if isinstance(value, dict) and value.keys() == {"value", "unit"}:
+        return Measured(value["value"], value["unit"])
     if isinstance(value, str):
         parts = quantity_text(value)
         return value if parts is None else Measured(float(parts[0]), parts[1])
@@ -409,8 +417,8 @@ def common_unit(values: Mapping[str, Any], at: str) -> tuple[dict[str, Any], str
         name: units[name].convert(float(one.value)) if name in units else one
         for name, one in given.items()
     }
-    words = zip(("kg", "m", "s", "A", "rad"), first.powers, strict=True)
-    return numbers, " ".join(f"{word}{n}" if n != 1 else word for word, n in words if n) or "1"
+    powers = dict(zip(("kg", "m", "s", "A", "rad"), first.powers, strict=True))
+    return numbers, units_of_powers(powers)
 
 
 def in_units(value: Any, units: str, at: str) -> Any:

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from rigidmc.engine.formulas import evaluate
 from rigidmc.inputs.arrays import Shape, broadcast_arguments, floats
 from rigidmc.mechanics.free_top import Motion, spread
+from rigidmc.mechanics.lagrange_limits import TINY
 from rigidmc.mechanics.lagrange_orbit import (
     LagrangeOrbit,
     LagrangeOrbitFormula,
@@ -184,7 +185,8 @@ def analyse_lagrange_top(
         - low, high: theta [rad] at the lowest and highest point of the axis: low is the largest
           theta, high the smallest
         - m, mc: parameter m = k^2 and 1 - m; rate: p [rad/s], where the argument of sn is p t + d
-        - period: of the nutation, 2 K(m)/p [s]; inf if the axis does not return
+        - period: of the nutation, 2 K(m)/p [s]; inf if the axis does not return, but that of the
+          rounded constants if it is homoclinic
         - precession, spin: change of phi and of psi in a period [rad]
 
     Raises
@@ -222,7 +224,8 @@ def _nutation(o: Any, columns: _Floats, bad: NDArray[np.bool_]) -> NutationRange
         period = np.where(fixed | (o.mc == 0.0), np.inf, 2.0 * o.quarter / o.rate)
         precession, spin = _turns_of_a_period(o, period)
         low, high = (
-            2.0 * np.arctan2(np.sqrt(v), np.sqrt(y)) for v, y in ((o.v1, o.y1), (o.v2, o.y2))
+            2.0 * np.arctan2(np.sqrt(np.where(v <= TINY, 0.0, v)), np.sqrt(y))
+            for v, y in ((o.v1, o.y1), (o.v2, o.y2))
         )
         height = (q[0] ** 2 + q[3] ** 2 - q[1] ** 2 - q[2] ** 2) / (q**2).sum(0)
         energy = 0.5 * ((l1**2 + l2**2) / a + l3**2 / c) + k * height
@@ -251,6 +254,9 @@ def _kinds(o: Any, columns: _Floats, bad: NDArray[np.bool_], fixed: NDArray[np.b
     upright, hanging = fixed & (o.v1 <= SAME), fixed & (o.y2 <= SAME) & (k > 0.0)
     lower, upper = o.e_minus + o.b * o.v1, o.e_minus + o.b * o.v2  # signs of phi'
     fast = np.abs(o.e_minus) + np.abs(o.b) * o.v1
+    # phi' sin^2 theta is 0 because sin theta is: the axis passes through the vertical and moves on
+    passes = (np.abs(o.e_minus) <= SAME * fast) & (np.abs(o.e_minus) > 2.0 * np.abs(o.b) * o.v2)
+    passes |= (np.abs(o.e_plus) <= SAME * fast) & (np.abs(o.e_plus) > 2.0 * np.abs(o.b) * o.y1)
     kinds = {  # the first that holds
         "invalid": bad,
         "at rest": fixed & (l1**2 + l2**2 + l3**2 == 0.0),
@@ -260,8 +266,8 @@ def _kinds(o: Any, columns: _Floats, bad: NDArray[np.bool_], fixed: NDArray[np.b
         "steady precession": fixed,
         "homoclinic": ~fixed & (o.mc < SAME),
         "pendulum": np.maximum(np.abs(o.e_plus), np.abs(o.b)) <= SAME * o.rate,
-        "cusps": np.abs(upper) <= SAME * fast,
-        "loops": lower * upper < 0.0,
+        "cusps": (np.abs(upper) <= SAME * fast) & ~passes,
+        "loops": (lower * upper < 0.0) & ~passes,
     }
     return np.select(list(kinds.values()), list(kinds), "monotone precession")
 

@@ -16,7 +16,7 @@ from rigidmc.physics.dynamics.so3 import dot, inverse
 from rigidmc.physics.effects import label_effects, name_of
 from rigidmc.physics.effects.sums import total_energy, total_energy_scale
 from rigidmc.physics.observables.protocol import observed
-from rigidmc.planning.initial import Source, Start, block_rows, initial_block
+from rigidmc.planning.initial import Source, Start, initial_block
 from rigidmc.planning.steps import Array, Clock, physics
 from rigidmc.scene.model import Model
 
@@ -113,8 +113,7 @@ def closed_form(model: Model, sampler: Source, first: int, members: int) -> Clos
 
     Raises SceneError with the reason if no closed form covers them.
     """
-    rows = block_rows(model.effects, False)
-    return case_of(model.effects, *initial_block(model, sampler, first, members, True, rows))
+    return case_of(model.effects, *initial_block(model, sampler, first, members))
 
 
 def case_of(effects: Sequence[Any], block: Array, start: Start) -> ClosedMotion:

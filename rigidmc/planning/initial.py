@@ -71,15 +71,22 @@ def block_rows(effects: Sequence[Any], has_work: bool) -> int:
 
 
 def initial_block(
-    model: Model, sampler: Source, first: int, count: int, has_attitude: bool, rows: int
+    model: Model,
+    sampler: Source,
+    first: int,
+    count: int,
+    has_attitude: bool = True,
+    rows: int | None = None,
 ) -> tuple[Array, Start]:
     """Build members from index `first` on.
 
     Returns (block, start): the rows for the kernel (rows, count), and the sampled values that the
     members were built from.
 
-    has_attitude : whether the attitude is followed;  rows : of the block, see `block_rows`
+    has_attitude : whether the attitude is followed
+    rows : of the block, by default those without works and monitors, see `block_rows`
     """
+    rows = block_rows(model.effects, False) if rows is None else rows
     block = allocate_block(rows, count)
     low = 0
     for some in (*rows_to_fill(model.effects), slice(rows, rows)):  # zero the rows between
@@ -89,12 +96,15 @@ def initial_block(
 
 def members_at_start(model: Model, run: Run, first: int, count: int) -> tuple[Array, Start]:
     """Build members with attitudes, drawn as in a run; see `initial_block`."""
-    known = make_sampler(model, run), first, count, True
-    return initial_block(model, *known, block_rows(model.effects, False))
+    return initial_block(model, make_sampler(model, run), first, count)
 
 
 def initial_block_of(
-    model: Model, sampler: Source, members: NDArray[np.int64], has_attitude: bool, rows: int
+    model: Model,
+    sampler: Source,
+    members: NDArray[np.int64],
+    has_attitude: bool = True,
+    rows: int | None = None,
 ) -> tuple[Array, Start]:
     """Build members by their indices, in any order; see `initial_block`.
 
@@ -168,7 +178,7 @@ def random_dimensions(model: Model) -> tuple[RandomDimension, ...]:
     """Return the random numbers that a member draws."""
     recorder = DimensionProbe()
     # with the attitude, so that points do not depend on the saved variables
-    initial_block(model, recorder, 0, 1, True, block_rows(model.effects, False))
+    initial_block(model, recorder, 0, 1)
     return tuple(recorder.dimensions)
 
 
@@ -358,8 +368,7 @@ def check_starts(model: Model, sampler: Source, seed: int) -> None:
     spin = model.start.spin_name
     if not isinstance(getattr(model.start, spin), VectorDistribution):
         return
-    rows = block_rows(model.effects, False)
-    if initial_block(model, sampler, 0, PILOT, True, rows)[0][layout.STATUS].all():
+    if initial_block(model, sampler, 0, PILOT)[0][layout.STATUS].all():
         rule = (
             f"none of the first {PILOT} members has a valid start: energy, temperature or size is"
             " out of range"
@@ -370,7 +379,7 @@ def check_starts(model: Model, sampler: Source, seed: int) -> None:
 def _check_ensemble(model: Model, seed: int) -> None:
     """Raise SceneError if the attitudes of an ensemble are too rare among uniform attitudes for
     rejection sampling."""
-    block, start = initial_block(model, seed, 0, PILOT, False, block_rows(model.effects, False))
+    block, start = initial_block(model, seed, 0, PILOT, False)
     facts = member_facts(model.effects, block, start["moments"])
     ensemble: Any = model.start.momentum
     acceptance = ensemble.acceptance(seed, 0, PILOT, facts)

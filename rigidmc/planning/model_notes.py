@@ -264,7 +264,9 @@ def is_shipped(effect: Any) -> bool:
     return type(effect) in EFFECTS.values()
 
 
-def idle_effects(effects: list[tuple[str, Any]], moments: Array, centre: Array) -> Iterator[str]:
+def idle_effects(
+    effects: Sequence[tuple[str, Any]], moments: Array, centre: Array
+) -> Iterator[str]:
     """Find effects [(label, effect)] of the package that exert no torque on any of the given
     members.
 

@@ -62,6 +62,7 @@ class Monitors(NamedTuple):
     [(label, observable)] of each, and of sums over the noise.
 
     bins : (dimension, edges, units) of each histogram;  dims : dimensions of all recorded variables
+    has_attitude : whether an effect, or a saved or monitored observable, needs the attitude
     """
 
     events: tuple[Any, ...] = ()
@@ -73,6 +74,7 @@ class Monitors(NamedTuple):
     of_noise: Labelled = ()
     bins: tuple[tuple[str, NDArray[np.float64], str], ...] = ()
     dims: tuple[str, ...] = ()
+    has_attitude: bool = False
 
     @property
     def compiled(self) -> tuple[tuple[Any, ...], tuple[Any, ...], Flag]:
@@ -107,7 +109,7 @@ def make_monitors(model: Model, recording: Recording, seed: int) -> Monitors:
     growth = tuple((label, one) for label, one in observables if isinstance(one, Growth))
     running = tuple((label, one) for label, one in observables if isinstance(one, Running))
     moments, complete = _bodies(model, seed) if events else (np.empty((3, 0)), True)
-    return Monitors(
+    monitors = Monitors(
         tuple(one.bind(moments, complete, model.effects) for _, one in events),
         tuple((bind(one, model.effects), static_count(one.state_size)) for _, one in running),
         flag(growth),
@@ -121,6 +123,7 @@ def make_monitors(model: Model, recording: Recording, seed: int) -> Monitors:
         ),
         dimensions(recording.recorded, recording.monitored),
     )
+    return monitors._replace(has_attitude=_needs_attitude(model.effects, recording, monitors))
 
 
 def _bodies(model: Model, seed: int) -> tuple[NDArray[np.float64], bool]:
@@ -155,9 +158,7 @@ def places_of(effects: Sequence[Any], has_work: bool, monitors: Monitors, has_ax
     return places_for(parameter_count(*effects), works, events, marks, growth, has_axes)
 
 
-def has_attitude(effects: Sequence[Any], recording: Recording, monitors: Monitors) -> bool:
-    """Return whether anything needs the attitude: an effect that names q, or a saved or monitored
-    observable."""
+def _needs_attitude(effects: Sequence[Any], recording: Recording, monitors: Monitors) -> bool:
     if any("q" in argument_names(e, "torque", "kick", "energy") for e in effects):
         return True
     if monitors.growth:  # the tangent is of attitude and momentum

@@ -1,10 +1,10 @@
 """Notes on scenes that run, but perhaps not as intended: settings and effects without effect, slow
-effects, and likely errors of units and signs. Each function in LOOKS yields notes.
+effects, and likely errors of units and signs.
 """
 
 import inspect
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ from rigidmc.planning.model_notes import (
 )
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.units import UnitScale
+from rigidmc.scene.body import Body
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import draw
 from rigidmc.scene.settings import Run, idle
@@ -62,19 +63,7 @@ UNCOMPILED = (
     " differ from compiled steps; unset it for reproducible results"
 )
 Array = NDArray[np.float64]
-
-
-class PilotFacts(NamedTuple):
-    """The model, the settings, the Plan, and the first FEW members: bodies, and [(label, effect)]
-    with arrays as fields."""
-
-    model: Model
-    run: Run
-    plan: Plan
-    moments: Array
-    mass: Array
-    centre: Array
-    effects: list[tuple[str, Any]]
+Effects = Sequence[tuple[str, Any]]  # (label, effect of the first members, with arrays as fields)
 
 
 def step_notes(run: Run, plan: Plan, units: UnitScale | None = None) -> tuple[str, ...]:
@@ -95,58 +84,73 @@ def scene_notes(model: Model, run: Run, plan: Plan) -> tuple[str, ...]:
 
     model, run : as the user gave them;  plan : of this run
     """
-    seen = _pilot_facts(model, run, plan)
     uncompiled = plan.scheme is not None and is_uncompiled()
-    return (*[UNCOMPILED] * uncompiled, *(note for look in LOOKS for note in look(seen) if note))
+    return (*[UNCOMPILED] * uncompiled, *filter(None, _notes(model, run, plan)))
 
 
-def _pilot_facts(model: Model, run: Run, plan: Plan) -> PilotFacts:
+def _notes(model: Model, run: Run, plan: Plan) -> Iterator[str]:
+    """Look at the settings, and at the first FEW members; yield notes, "" for none."""
     coarse, seed = model.coarse(), run.seed
-    effects = []
-    for label, effect in label_effects(coarse.effects):
+    body, start, effects = coarse.body, coarse.start, _filled(coarse.effects, run.seed)
+    moments, mass, centre = body.sample(seed, 0, FEW)
+    yield from idle_settings(run)
+    yield from idle_sums(run, plan)
+    yield from idle_limits(run, plan)
+    yield from _anti_damping(run, model.effects)
+    yield from idle_effects(effects, moments, centre)
+    yield from _one_at_a_time(plan, model.effects)
+    yield from _gravity(effects)
+    yield from _orbit_inside(effects)
+    yield from _not_turned(model.body, effects, plan)
+    yield from angle_notes(start, seed)
+    yield from _degrees(effects)
+    yield from quaternion_notes(model.start)
+    if not run.varied and all(is_shipped(effect) for _, effect in effects):
+        yield motionless(start, [effect for _, effect in effects], moments, centre)
+    yield from undetermined_axes(body, run)
+    yield from impossible_bodies(body, run, is_mapped(model.body))
+    yield from unlike_matter(model.body, moments, mass, centre)
+    yield from far_centre(model.body, moments, mass, centre)
+    if not model.body.has_mass and centre.any():
+        yield from _no_mass(effects)
+    yield from _hot(start.momentum, seed, mass, effects)
+    yield from kink_notes(effects, moments, mass * centre, run.t_end)
+
+
+def _filled(effects: Sequence[Any], seed: int) -> Effects:
+    """Return [(label, effect)] of the first members, with arrays as fields."""
+    filled = []
+    for label, effect in label_effects(effects):
         each = [
             (field, value if shape(effect, field) else (value,))
             for field, value in zip(effect._fields, effect, strict=True)
         ]
         rows = [draw(parts, seed, f"effects.{label}.{field}", 0, FEW) for field, parts in each]
-        effects.append((label, from_numbers(type(effect), np.concatenate(rows))))
-    moments, mass, centre = coarse.body.sample(seed, 0, FEW)
-    return PilotFacts(model, run, plan, moments, mass, centre, effects)
+        filled.append((label, from_numbers(type(effect), np.concatenate(rows))))
+    return filled
 
 
-def _idle(seen: PilotFacts) -> Iterator[str]:
-    yield from idle_settings(seen.run)
-    yield from idle_sums(seen.run, seen.plan)
-    yield from idle_limits(seen.run, seen.plan)
-    yield from _anti_damping(seen)
-    yield from idle_effects(seen.effects, seen.moments, seen.centre)
-
-
-def _one_at_a_time(seen: PilotFacts) -> Iterator[str]:
-    events, running, _ = seen.plan.monitors.compiled
-    watches = *seen.plan.recording.recorded.values(), *events, *(one for one, _ in running)
-    scheme, effects = seen.plan.scheme, blank(seen.model.effects)
-    if scheme is None:
+def _one_at_a_time(plan: Plan, effects: Sequence[Any]) -> Iterator[str]:
+    events, running, _ = plan.monitors.compiled
+    watches = *plan.recording.recorded.values(), *events, *(one for one, _ in running)
+    if plan.scheme is None:
         return
-    for name, why in scalar_parts(scheme.integrator, effects, watches):
+    for name, why in scalar_parts(plan.scheme.integrator, blank(effects), watches):
         slower = "members are not vectorized, and the step is much slower than it could be"
         yield f"{name} {why}: {slower}"
 
 
-def _anti_damping(seen: PilotFacts) -> Iterator[str]:
-    if not seen.run.anti_damping:
+def _anti_damping(run: Run, effects: Sequence[Any]) -> Iterator[str]:
+    if not run.anti_damping:
         return
-    if any(
-        facts(effect).is_damping or implements(effect, "is_driving")
-        for effect in seen.model.effects
-    ):
+    if any(facts(effect).is_damping or implements(effect, "is_driving") for effect in effects):
         yield "[run] anti_damping = true: damping may be negative, which drives the body"
     else:
         yield "[run] anti_damping = true has no effect: the scene has no damping"
 
 
-def _gravity(seen: PilotFacts) -> Iterator[str]:
-    for label, effect in seen.effects:
+def _gravity(effects: Effects) -> Iterator[str]:
+    for label, effect in effects:
         if not isinstance(effect, Gravity):
             continue
         if (least := np.min(effect.g)) < 0.0:
@@ -157,8 +161,8 @@ def _gravity(seen: PilotFacts) -> Iterator[str]:
                 yield f"{shown} is that of the Earth in {unit}: g is in m/s2"
 
 
-def _orbit_inside(seen: PilotFacts) -> Iterator[str]:
-    for label, effect in seen.effects:
+def _orbit_inside(effects: Effects) -> Iterator[str]:
+    for label, effect in effects:
         if not isinstance(effect, GravityGradient):
             continue
         mu = float(np.median(effect.mu))
@@ -171,12 +175,12 @@ def _orbit_inside(seen: PilotFacts) -> Iterator[str]:
                 )
 
 
-def _not_turned(seen: PilotFacts) -> Iterator[str]:
+def _not_turned(body: Body, effects: Effects, plan: Plan) -> Iterator[str]:
     """Find custom effects, observables and events that do not declare what is fixed in the body,
     where the axes of the scene are not the principal axes of each member."""
-    if not seen.model.body.is_turned:
+    if not body.is_turned:
         return
-    for label, effect in seen.effects:
+    for label, effect in effects:
         if is_shipped(effect) or hasattr(effect, "in_body"):
             continue
         vectors = [name for name in effect._fields if shape(effect, name) == 3]
@@ -193,9 +197,9 @@ def _not_turned(seen: PilotFacts) -> Iterator[str]:
                 " scene is in other axes: directions of the body in its code belong in a"
                 " field that @effect(in_body=...) names; in_body=() declares that it has none"
             )
-    if seen.model.body.frame == "principal":
+    if body.frame == "principal":
         return
-    for label, one in label_observables(seen.plan.recording.observables):
+    for label, one in label_observables(plan.recording.observables):
         if word_of_observable(one) in KNOWN or hasattr(one, "in_body") or _turns_itself(type(one)):
             continue
         turns = bool(is_body_vector(one) or is_attitude(one))
@@ -238,43 +242,17 @@ def _turns_itself(cls: type) -> bool:
     return any(known & {*one.__code__.co_names} for one in _compiled(cls))
 
 
-def _angles(seen: PilotFacts) -> Iterator[str]:
-    yield from angle_notes(seen.model.coarse().start, seen.run.seed)
-    for label, effect in seen.effects:
+def _degrees(effects: Effects) -> Iterator[str]:
+    """Find angles of shipped effects that look like degrees."""
+    for label, effect in effects:
         for field, unit in facts(effect).units.items():
             if unit == "rad" and is_shipped(effect):
                 yield degrees_note(getattr(effect, field), f"[effects.{label}] {field} =", 2, CURE)
 
 
-def _rest(seen: PilotFacts) -> Iterator[str]:
-    effects = [effect for _, effect in seen.effects]
-    if not seen.run.varied and all(map(is_shipped, effects)):
-        yield motionless(seen.model.coarse().start, effects, seen.moments, seen.centre)
-
-
-def _axes(seen: PilotFacts) -> Iterator[str]:
-    yield from undetermined_axes(seen.model.coarse().body, seen.run)
-
-
-def _quaternions(seen: PilotFacts) -> Iterator[str]:
-    yield from quaternion_notes(seen.model.start)
-
-
-def _bodies(seen: PilotFacts) -> Iterator[str]:
-    yield from impossible_bodies(seen.model.coarse().body, seen.run, is_mapped(seen.model.body))
-
-
-def _density(seen: PilotFacts) -> Iterator[str]:
-    body = seen.model.body, seen.moments, seen.mass, seen.centre
-    yield from unlike_matter(*body)
-    yield from far_centre(*body)
-
-
-def _no_mass(seen: PilotFacts) -> Iterator[str]:
-    """Find effects whose torque has the factor m, on a body without a given mass."""
-    if seen.model.body.has_mass or not seen.centre.any():
-        return
-    for label, effect in seen.effects:
+def _no_mass(effects: Effects) -> Iterator[str]:
+    """Find effects whose torque has the factor m, for a body without a given mass."""
+    for label, effect in effects:
         if isinstance(effect, (Gravity, MovingPivot)):
             yield (
                 f"[effects.{label}] acts on an assumed mass of 1 kg, because no mass is given: its"
@@ -282,43 +260,18 @@ def _no_mass(seen: PilotFacts) -> Iterator[str]:
             )
 
 
-def _hot(seen: PilotFacts) -> Iterator[str]:
+def _hot(momentum: Any, seed: int, mass: Array, effects: Effects) -> Iterator[str]:
     """Find a kT given in K instead of J, for bodies small enough to respond to heat."""
-    momentum, seed = seen.model.coarse().start.momentum, seen.run.seed
-    heats: list[tuple[str, Any]] = [
-        (f"effects.{label}", one.kT) for label, one in seen.effects if isinstance(one, Bath)
-    ]
+    heats = [(f"effects.{label}", one.kT) for label, one in effects if isinstance(one, Bath)]
     if isinstance(momentum, GibbsMomentum):
         heats.append(("start", draw((momentum.kT,), seed, "start.momentum.kT", 0, FEW)))
     for table, heat in heats:
         kelvin = float(np.median(heat)) / BOLTZMANN
-        if np.median(seen.mass) < 1e-9 and kelvin > COLD:
+        if np.median(mass) < 1e-9 and kelvin > COLD:
             yield (
                 f"[{table}] kT = {np.median(heat):g} J is {kelvin:.2g} K: kT is in J, and 300 K "
                 f"are {300 * BOLTZMANN:.4g} J"
             )
-
-
-def _kinks(seen: PilotFacts) -> Iterator[str]:
-    yield from kink_notes(seen.effects, seen.moments, seen.mass * seen.centre, seen.run.t_end)
-
-
-LOOKS: tuple[Callable[[PilotFacts], Iterator[str]], ...] = (
-    _idle,
-    _one_at_a_time,
-    _gravity,
-    _orbit_inside,
-    _not_turned,
-    _angles,
-    _quaternions,
-    _rest,
-    _axes,
-    _bodies,
-    _density,
-    _no_mass,
-    _hot,
-    _kinks,
-)
 
 
 def idle_settings(run: Run) -> Iterator[str]:

@@ -39,7 +39,7 @@ from rigidmc.planning.steps import (
     round_grid,
 )
 from rigidmc.planning.switches import switching_parameters
-from rigidmc.planning.tangents import tangents_at_start, tangents_of_members
+from rigidmc.planning.tangents import tangents_at_start
 from rigidmc.scene.model import Model
 from rigidmc.scene.recording import Recording, conservation
 from rigidmc.scene.settings import Run
@@ -64,7 +64,6 @@ class Plan(NamedTuple):
     has_member_steps : whether members have their own steps
     mean_steps : mean number of steps of a member to the end
     scheme : how the integrator makes a step, None for closed forms
-    has_attitude : whether the attitude is followed
     angle : largest turn of the pilot's members in a step at the start [rad]
     turn_rate : bound on the rate of free motion, if the integrator requires one [rad/s]
     dtype : number type of the steps;  compensated : whether sums keep their remainders
@@ -88,7 +87,6 @@ class Plan(NamedTuple):
     has_member_steps: bool
     mean_steps: float
     scheme: StepScheme | None
-    has_attitude: bool
     angle: float
     turn_rate: float | None
     dtype: str
@@ -103,6 +101,11 @@ class Plan(NamedTuple):
     paired: bool = False
     wrt: tuple[str, ...] = ()
     derivatives: Derivatives = NO_DERIVATIVES
+
+    @property
+    def has_attitude(self) -> bool:
+        """Whether the attitude is followed."""
+        return self.monitors.has_attitude
 
     @property
     def has_axes(self) -> bool:
@@ -140,7 +143,7 @@ class Plan(NamedTuple):
         pilot : the first members, if they are already built
         """
         known, first = (self.has_attitude, self.places.end), int(members[0])
-        if not _is_range(members):
+        if not np.array_equal(members, np.arange(first, first + members.size)):
             block, start = initial_block_of(self.model, sampler, members, *known)
         elif pilot is not None and first + members.size <= pilot.block.shape[1]:
             block, start = pilot.part(self.model, first, members.size, self.places.end)
@@ -160,14 +163,10 @@ class Plan(NamedTuple):
         rows, count = block.shape
         whole = allocate_block(rows * (1 + self.columns), count)
         axes = self.places.axes if self.has_axes else None
-        known = self.has_attitude, rows, self.wrt, axes
         whole[:rows], whole[rows:] = block, 0.0
         tangents = whole[rows : rows * (1 + len(self.wrt))].reshape(-1, rows, count)
-        if _is_range(members):
-            first = int(members[0])
-            tangents_at_start(self.model, sampler, first, count, *known, out=tangents)
-        else:
-            tangents[:] = tangents_of_members(self.model, sampler, members, *known)
+        at = self.model, sampler, members
+        tangents_at_start(*at, self.wrt, tangents, self.has_attitude, axes)
         return whole
 
     def with_kernels_of(self, other: "Plan") -> "Plan":
@@ -192,11 +191,6 @@ class Plan(NamedTuple):
         return {name: value for name, value in lowest.items() if value < math.inf}
 
 
-def _is_range(members: NDArray[np.int64]) -> bool:
-    """Return whether indices increase by 1."""
-    return np.array_equal(members, np.arange(members[0], members[0] + members.size))
-
-
 class _Steps(NamedTuple):
     """The time grid of a run, and the motion of members per step.
 
@@ -219,14 +213,13 @@ def make_plan(
     kind: Integrator,
     recording: Recording,
     monitors: Monitors,
-    attitude: bool,
     pilot: InitialMembers,
     wrt: tuple[str, ...] = (),
 ) -> Plan:
     """Return the Plan of a checked run; raise SceneError if it cannot run.
 
-    kind : the integrator of `run`;  attitude : whether the attitude is followed
-    pilot : the first members of the coarse model;  wrt : as in Plan
+    kind : the integrator of `run`;  wrt : as in Plan
+    pilot : the first members of the coarse model
     """
     effects, is_closed = model.effects, run.integrator == "closed"
     steps = _steps(effects, run, pilot.block)
@@ -260,7 +253,8 @@ def make_plan(
     conserved = conservation(effects, recording.has_work)
     watches = bool(recording.recorded or monitors.events or monitors.running)
     has_axes = model.body.is_turned and model.body.frame == "described" and watches
-    bounds = run, kind, conserved, attitude, steps.theta, mean, scheme, spin
+    # without the attitude, L_z is not monitored
+    bounded = conserved if monitors.has_attitude else {**conserved, "lz": "no"}
     return Plan(
         model=model,
         run=run,
@@ -270,14 +264,13 @@ def make_plan(
         has_member_steps=steps.has_member_steps,
         mean_steps=mean,
         scheme=scheme,
-        has_attitude=attitude,
         angle=steps.angle,
         turn_rate=rate,
         dtype=run.dtype,
         compensated=not (scheme and has_extra_state(scheme.integrator))
         and keeps_remainders(kind, effects, run.dtype, run.compensated),
         notes=notes,
-        limits=make_limits(*bounds) if scheme else (),
+        limits=make_limits(run, kind, bounded, steps.theta, mean, scheme, spin) if scheme else (),
         works=work_flags(effects, recording.has_work),
         monitors=monitors,
         places=places_of(effects, recording.has_work, monitors, has_axes),

@@ -145,7 +145,6 @@ def make_limits(
     run: Run,
     kind: Integrator,
     conserved: Mapping[str, str],
-    has_attitude: bool,
     theta: float,
     steps: float,
     form: StepScheme | None = None,
@@ -154,7 +153,6 @@ def make_limits(
     """Compute the Limits of a run, or () if only non-finite members are flagged (checks = false).
 
     kind : the integrator;  conserved : see `rigidmc.scene.recording.conservation`
-    has_attitude : whether the attitude is followed; without it L_z is not monitored
     theta : largest motion of the pilot's members in a step [rad];  steps : number to the end
     form, spin : the StepScheme of the integrator, and the turn per step [rad] it was prepared for
 
@@ -182,8 +180,7 @@ def make_limits(
     }
     bounds["lz"] = bounds["l2"]
     for name in bounds:
-        unseen = name == "lz" and not has_attitude
-        if unseen or conserved[{"energy": "energy_drift"}.get(name, name)] != "yes":
+        if conserved[{"energy": "energy_drift"}.get(name, name)] != "yes":
             bounds[name] = math.inf
     turn = _largest_turn(kind, run.turn, form, spin) if run.turn_limit is None else run.turn_limit
     norm = 1e-9 if run.dtype == "float64" else 1e-3

@@ -30,47 +30,33 @@ SAMPLING = "sample", "sample_attitude"  # methods that draw vectors of members
 def tangents_at_start(
     model: Model,
     sampler: Source,
-    first: int,
-    count: int,
-    has_attitude: bool,
-    rows: int,
+    members: NDArray[np.int64],
     names: Sequence[str],
+    out: Array,
+    has_attitude: bool = True,
     axes: int | None = None,
-    out: Array | None = None,
-) -> Array:
-    """Return the derivatives (P, rows, count) of the block of `initial_block` by P parameters.
+) -> None:
+    """Set the derivatives (P, rows, count) of the block of `initial_block_of` by P parameters.
 
-    Only the rows of `rows_to_fill` have derivatives. The derivative of an attitude is orthogonal to
-    it.
+    Only the rows of `rows_to_fill` have derivatives; other rows keep their numbers. The derivative
+    of an attitude is orthogonal to it.
 
     names : of the parameters, see `rigidmc.scene.parameters`
     axes : first of the four rows of the members' principal axes, a quaternion; None without them
-    out : array of this shape to fill and return; its other rows keep their numbers
 
     Raises SceneError for a name without a derivative, and for a custom part of the scene whose code
     has none. A member whose tensor has equal moments gets nan for a parameter that turns its axes.
     """
-    tangents = np.zeros((len(names), rows, count)) if out is None else out
-    block = DualArray(np.empty((rows, count)), tangents)
-    build_with_tangents(block, model, sampler, first, has_attitude, names, axes)
-    return tangents
-
-
-def tangents_of_members(
-    model: Model,
-    sampler: Source,
-    members: NDArray[np.int64],
-    has_attitude: bool,
-    rows: int,
-    names: Sequence[str],
-    axes: int | None = None,
-) -> Array:
-    """Return `tangents_at_start` of members by their indices, in any order."""
-    parts = []
+    at = 0
     for first, columns, count in member_ranges(members):
-        known = first, count, has_attitude, rows, names, axes
-        parts.append(np.take(tangents_at_start(model, sampler, *known), columns, axis=2))
-    return np.concatenate(parts, axis=2)
+        part = out[..., at : at + columns.size]
+        alone = np.array_equal(columns, np.arange(count))  # no member is built besides
+        tangents = part if alone else np.zeros((*out.shape[:-1], count))
+        block = DualArray(np.empty(tangents.shape[1:]), tangents)
+        build_with_tangents(block, model, sampler, first, has_attitude, names, axes)
+        if not alone:
+            np.take(tangents, columns, axis=2, out=part)
+        at += columns.size
 
 
 def build_with_tangents(

@@ -2,7 +2,6 @@
 or underflow."""
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -10,10 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.errors import SceneError
+from rigidmc.inputs.units import KNOWN, powers_of
 from rigidmc.physics.effects import name_of
 from rigidmc.physics.effects.protocol import facts, from_numbers, numbers
 from rigidmc.physics.observables import is_own
-from rigidmc.planning.initial import Source, block_rows, initial_block, make_sampler
+from rigidmc.planning.initial import Source, initial_block, make_sampler
 from rigidmc.planning.plan import Plan
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.model import Model
@@ -25,35 +25,19 @@ from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
-# exponents of kilogram, metre and second; amperes are not rescaled
-_KNOWN = {
-    "1": (0, 0, 0),
-    "rad": (0, 0, 0),
-    "kg": (1, 0, 0),
-    "m": (0, 1, 0),
-    "s": (0, 0, 1),
-    "N": (1, 1, -2),
-    "J": (1, 2, -2),
-    "W": (1, 2, -3),
-    "Hz": (0, 0, -1),
-    "A": (0, 0, 0),
-    "T": (1, 0, -2),
-}
 # Without a change of units, the largest moment of inertia and the rate of motion may have exponents
 # of 2 up to this, because the code squares their products.
 RANGE = {"float64": 100, "float32": 10}
 
 
 def unit_exponents(units: str) -> tuple[int, int, int]:
-    """Return (kg, m, s) exponents of a string such as "kg m2 s-1"; ValueError if unknown."""
-    total = [0, 0, 0]
-    for word in units.split():
-        parts = re.fullmatch(r"([A-Za-z]+|1)(-?\d+)?", word)
-        if not parts or parts[1] not in _KNOWN:
-            raise ValueError(f"unit '{word}' is none of {', '.join(_KNOWN)}")
-        for i, exponent in enumerate(_KNOWN[parts[1]]):
-            total[i] += exponent * int(parts[2] or 1)
-    return total[0], total[1], total[2]
+    """Return (kg, m, s) exponents of a string such as "kg m2 s-1"; ValueError if unknown. Amperes
+    are not rescaled."""
+    powers = powers_of(units)
+    if powers is None or not powers.keys() <= KNOWN.keys():
+        raise ValueError(f"'{units}' is not a product of powers of SI units")
+    kg, m, s = (sum(n * KNOWN[symbol][2][i] for symbol, n in powers.items()) for i in range(3))
+    return kg, m, s
 
 
 def unit_factor(units: str, mass: float, length: float, time: float) -> float:
@@ -210,8 +194,7 @@ def _spin_exponents(scene: Scene, moments: Any, sampler: Source) -> list[int]:
     word = "omega" if scene.start.momentum is None else "momentum"
     whole = isinstance(getattr(scene.start, word), VectorDistribution)
     if whole or word in scene.start.relative_to_orbit:  # it may depend on the energy or the orbit
-        rows = block_rows(scene.effects, False)
-        _, start = initial_block(scene.model, sampler, 0, 1, True, rows)
+        _, start = initial_block(scene.model, sampler, 0, 1)
         spin = start[f"start_{word}"]
     else:
         _, spin = scene.start.sample_spin(sampler, 0, 1, None)

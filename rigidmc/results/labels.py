@@ -11,8 +11,10 @@ import math
 import re
 from typing import TYPE_CHECKING, Any
 
-# planning, which does not import results, imports it from where it is defined
 from rigidmc.inputs.amounts import count_text
+
+# planning, which does not import results, imports it from where it is defined
+from rigidmc.inputs.units import powers_of
 
 if TYPE_CHECKING:  # commands start without xarray, which takes 0.4 to 0.6 s
     import xarray as xr
@@ -31,7 +33,6 @@ __all__ = [
     "with_units",
 ]
 
-_FACTOR = re.compile(r"([A-Za-zµ°%]+)(-?\d+)?")
 _RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LOWERED = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 # names of parameters, variables and their components in a text, but not of functions
@@ -53,12 +54,11 @@ def units_text(units: str) -> str:
 
     "" for "1". Units of custom code that are not a product of powers stay as they are.
     """
-    factors = [_FACTOR.fullmatch(word) for word in units.split()]
-    if units == "1" or not all(factors):
-        return "" if units == "1" else units
-    powers = [(one[1], int(one[2] or 1)) for one in factors if one is not None]
-    above = [_power(unit, power) for unit, power in powers if power > 0]
-    below = [_power(unit, -power) for unit, power in powers if power < 0]
+    powers = powers_of(units)
+    if not powers:
+        return units if powers is None else ""
+    above = [_power(unit, power) for unit, power in powers.items() if power > 0]
+    below = [_power(unit, -power) for unit, power in powers.items() if power < 0]
     if not below:
         return " ".join(above)
     over = below[0] if len(below) == 1 else f"({' '.join(below)})"

@@ -22,7 +22,7 @@ from rigidmc.inputs.amounts import read_count
 from rigidmc.planning.check import check_scene
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.initial import check_starts, make_pilot, make_sampler
-from rigidmc.planning.monitors import has_attitude, make_monitors
+from rigidmc.planning.monitors import make_monitors
 from rigidmc.planning.notes import scene_notes, step_notes
 from rigidmc.planning.plan import make_plan
 from rigidmc.planning.saves import save_to_plot, settle_saves
@@ -304,11 +304,10 @@ def _prepare_scene(scene: Scene, plotted: int) -> PreparedRun:
     coarse, sampler = model.coarse(), make_sampler(model, run)
     check_starts(coarse, sampler, run.seed)
     monitors = make_monitors(model, recording, run.seed)
-    attitude = has_attitude(model.effects, recording, monitors)
-    pilot = make_pilot(coarse, sampler, attitude)
+    pilot = make_pilot(coarse, sampler, monitors.has_attitude)
     if run.integrator == "closed":  # raises if no closed form exists
         closed_form(model, sampler, run.first, whole_lanes(min(PILOT, run.members)))
-    plan = make_plan(model, run, moving.integrator, recording, monitors, attitude, pilot, wrt)
+    plan = make_plan(model, run, moving.integrator, recording, monitors, pilot, wrt)
     settled = moving if units is None else replace(scene, run=units.settings_back(run))
     layout = make_layout(settled, recorded, plan if units is None else units.back(plan))
     if run.varied:

@@ -298,7 +298,7 @@ def some_of(run: PreparedRun, kept: Iterable[int]) -> PreparedRun:
         recording=plan.recording._replace(**nothing, has_work=False, observables=()),
         scheme=plan.scheme._replace(integrator=integrator),
         works=(),
-        monitors=Monitors(),
+        monitors=Monitors(has_attitude=plan.has_attitude),
         places=places_of(effects, False, Monitors(), False),
         nodes=0,
         wrt=(),

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.inputs.units import units_of_powers
 from rigidmc.mechanics.axes_rates import axes_rates
 from rigidmc.mechanics.inertia import about_point
 from rigidmc.mechanics.solids import COMPONENTS, SOLIDS
@@ -176,8 +177,7 @@ def _covariance_unit(i: int, j: int) -> str:
     """Return the units of a covariance of two of ELEMENTS, such as "kg m3"."""
     powers = {"tensor": (1, 2), "centre": (0, 1), "mass": (1, 0)}
     one, other = (powers[ELEMENTS[k].partition(".")[0]] for k in (i, j))
-    pairs = (("kg", one[0] + other[0]), ("m", one[1] + other[1]))
-    return " ".join(word + (str(n) if n > 1 else "") for word, n in pairs if n)
+    return units_of_powers({"kg": one[0] + other[0], "m": one[1] + other[1]})
 
 
 def _of_one_tensor(body: Body) -> Iterator[Parameter]:

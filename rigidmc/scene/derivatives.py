@@ -7,6 +7,7 @@ in the variable d_NAME, with the dimension `parameter`.
 from collections.abc import Mapping, Sequence
 
 from rigidmc.errors import SceneError, unknown
+from rigidmc.inputs.units import powers_of, units_of_powers
 from rigidmc.scene.model import Model
 from rigidmc.scene.parameter import Parameter, Seed
 from rigidmc.scene.parameters import parameters_of, vector_of
@@ -101,15 +102,7 @@ def quotient(units: str, by: str) -> str:
 
     Units of custom code that are not products of powers are joined by "per".
     """
-    powers: dict[str, int] = {}
-    for text, sign in ((units, 1), (by, -1)):
-        for word in text.split():
-            symbol = word.rstrip("-0123456789")
-            power = word[len(symbol) :]
-            if word == "1":
-                continue
-            if not symbol.isalpha() or not (power.removeprefix("-") or "1").isdecimal():
-                return f"{units} per {by}"
-            powers[symbol] = powers.get(symbol, 0) + sign * int(power or 1)
-    words = [f"{symbol}{power if power != 1 else ''}" for symbol, power in powers.items() if power]
-    return " ".join(words) or "1"
+    above, below = powers_of(units), powers_of(by)
+    if above is None or below is None:
+        return f"{units} per {by}"
+    return units_of_powers({k: above.get(k, 0) - below.get(k, 0) for k in {**above, **below}})

@@ -17,7 +17,6 @@ from rigidmc.inputs.units import (
     as_measured,
     converter,
     in_units,
-    is_foreign,
     rule_with_hint,
 )
 
@@ -45,8 +44,6 @@ def parse_every(value: Any) -> SaveTimes:
 
 def seconds_of(value: Any, positive: bool = True) -> float:
     """Return a time [s] from a number, a text or a quantity with a unit; ValueError."""
-    if isinstance(value, dict) and value.keys() == {"value", "unit"}:
-        value = Measured(value["value"], value["unit"])
     if not isinstance(value, str):  # "1h30m" is a time, too, and m are minutes
         try:
             value = in_units(value, "s", "run")
@@ -84,11 +81,7 @@ def _per_turn(text: str) -> str:
 def _listed(value: Any) -> Sequence[Any] | None:
     """Return the elements of a list or an array of times, in seconds if it has a unit; None for
     one value."""
-    if isinstance(value, dict) and value.keys() == {"value", "unit"}:
-        value = Measured(value["value"], value["unit"])
-    if is_foreign(value):
-        value = as_measured(value)
-    unit = None
+    value, unit = value if isinstance(value, str) else as_measured(value), None
     if isinstance(value, Measured):
         value, unit = value.value, converter(value.unit, "s", "run")
     value = as_plain_arrays(np.asarray(value) if is_labelled(value) else value, "run.every")

@@ -28,7 +28,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from rigidmc.errors import SceneError, from_pydantic
 from rigidmc.inputs.amounts import parse_count, words_of
-from rigidmc.inputs.units import Measured, in_units, rule_with_hint
+from rigidmc.inputs.units import in_units, rule_with_hint
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.protocol import follows_turns
 from rigidmc.scene.save_times import SaveTimes, parse_every, seconds_of
@@ -40,8 +40,6 @@ def _time(value: Any) -> float:
 
 def _in_units(units: str, value: Any) -> Any:
     """Return a number in SI units, if the value has a unit, in text or beside it; ValueError."""
-    if isinstance(value, dict) and value.keys() == {"value", "unit"}:
-        value = Measured(value["value"], value["unit"])
     try:
         return in_units(value, units, "run")
     except SceneError as error:

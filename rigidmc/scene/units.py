@@ -18,7 +18,9 @@ from rigidmc.inputs.units import (
     converter,
     from_foreign,
     is_foreign,
+    powers_of,
     quantity_text,
+    units_of_powers,
     units_text,
 )
 from rigidmc.physics.effects.protocol import Effect, facts, shape
@@ -216,11 +218,9 @@ def size_units(key: str) -> str:
 
 def squared(units: str) -> str:
     """Return the square of SI units: "rad2 s-2" of "rad s-1"."""
-    words = []
-    for word in units.split():
-        symbol = word.rstrip("-0123456789")
-        words.append(f"{symbol}{2 * int(word[len(symbol) :] or 1)}" if symbol else word)
-    return " ".join(words)
+    return units_of_powers(
+        {symbol: 2 * power for symbol, power in (powers_of(units) or {}).items()}
+    )
 
 
 def effect_in_si(effect: Effect, name: str) -> Effect:

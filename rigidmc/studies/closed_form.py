@@ -95,12 +95,14 @@ def _numbers(
 ) -> Iterator[tuple[str, NDArray[np.float64], str]]:
     """Yield (label, values, unit) of a free motion or of a nutation."""
     if isinstance(motion, FreeMotionType):
-        yield "period", motion.period, "s"
+        yield "period", motion.period, "s, of omega in the body"
         yield "flips every", motion.flip_interval, "s"
-        yield "1 - m", motion.mc, ""
+        yield "1 - m", np.where(motion.mc == 1.0, np.nan, motion.mc), "of the elliptic functions"
     else:
-        yield "nutation", motion.period, "s per period"
-        yield "precession", np.degrees(motion.precession), "deg per period"
+        # a homoclinic top never returns: its period is that of the rounding
+        returns = np.where(motion.kind == "homoclinic", np.nan, 1.0)
+        yield "nutation", returns * motion.period, "s per period"
+        yield "precession", returns * np.degrees(motion.precession), "deg per period"
         yield "theta from", np.degrees(motion.high), "deg"
         yield "theta to", np.degrees(motion.low), "deg"
 
@@ -122,12 +124,27 @@ def _steady(case: ClosedMotion, motions: Motions, first: int, count: int) -> Ite
         theta = float(np.arccos(np.clip(matrix(part.attitude[0])[2, form - 1], -1.0, 1.0)))
         top = f"{_whose(first + members[0], count)} at {np.degrees(theta):.6g} deg"
         yield f"steady       precession{top}: {_rates(moments, weight, spin, theta)}"
-        momentum = spin * moments[2]
-        if weight > 0.0 and momentum**2 > 2.0 * moments[0] * weight * (1.0 + np.cos(theta)):
-            most = 2.0 * weight / momentum * np.sin(theta)
-            yield f"waves       {top} for a push of 0 to {most:.6g} rad/s; loops beyond"
-        least = least_spin(moments, abs(weight))
-        yield f"sleep        upright, it sleeps above {least:.6g} rad/s; its spin is {spin:.6g}"
+        yield from _waves(moments, weight, spin * moments[2], theta, top)
+        least, up = least_spin(moments, abs(weight)), "upright" if weight > 0.0 else "upside down"
+        words = f"above |omega_{form}| = {least:.6g} rad/s; its omega_{form} is {spin:.6g}"
+        yield f"sleep        {up}, it sleeps {words}"
+
+
+def _waves(
+    moments: NDArray[np.float64], weight: float, momentum: float, theta: float, top: str
+) -> Iterator[str]:
+    """Yield the pushes of waves and of loops, of a top that leans and spins fast enough for both.
+
+    Loops end where L_z is L_3 or -L_3: the axis passes through the vertical, and waves beyond.
+    """
+    sine, rises = np.sin(theta), 1.0 + np.copysign(np.cos(theta), weight)
+    if sine < 1e-9 or weight == 0.0 or momentum**2 <= 2.0 * moments[0] * abs(weight) * rises:
+        return
+    most = 2.0 * weight / momentum * sine
+    rate, slope = momentum / moments[0], np.tan(0.5 * theta)
+    ends = f"{-rate / slope:.6g} and {rate * slope:.6g}"
+    waves = f"waves       {top} for a push phi' sin(theta) of 0 to {most:.6g} rad/s"
+    yield f"{waves}; loops beyond, until the axis passes the vertical at {ends} rad/s"
 
 
 def _rates(moments: NDArray[np.float64], weight: float, spin: float, theta: float) -> str:

@@ -8,7 +8,7 @@ from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.errors import RigidmcError
 from rigidmc.mechanics.lagrange_top import with_axis_third
 from rigidmc.planning.closed_form import ClosedMotion, case_of
-from rigidmc.planning.initial import block_rows, initial_block_of, make_sampler
+from rigidmc.planning.initial import initial_block_of, make_sampler
 from rigidmc.results.frames import described
 from rigidmc.scene.scene import scene_of
 from rigidmc.views.sample import thin_result
@@ -22,8 +22,8 @@ def case_of_result(good: xr.Dataset) -> ClosedMotion:
     """Return the ClosedMotion of members of a result; SceneError if no closed form covers them."""
     scene = scene_of(good)
     model, members = scene.model, np.asarray(good.member.values, dtype=np.int64)
-    known = make_sampler(model, scene.run), members, True, block_rows(model.effects, False)
-    return case_of(model.effects, *initial_block_of(model, *known))
+    sampler = make_sampler(model, scene.run)
+    return case_of(model.effects, *initial_block_of(model, sampler, members))
 
 
 def heavy_tops(good: xr.Dataset) -> ClosedMotion | None:

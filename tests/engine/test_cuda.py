@@ -638,8 +638,8 @@ def test_a_cluster_moves_members_on_devices(fake, tmp_path, monkeypatch):
     driver = fake()
     create(SCENE, tmp_path / "run", 1e3)
     texts = tuple(content_of(str(tmp_path / "run"), name) for name in cluster.FILES)
-    options = False, False, None, "cuda"
-    done = cluster.shard(0, str(tmp_path / "run"), texts, options)
+    how = cluster.Resume(device="cuda")
+    done = cluster.shard(0, str(tmp_path / "run"), texts, how)
     assert driver.launches and sum(done.flagged.values()) == 70
 
 

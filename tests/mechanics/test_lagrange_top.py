@@ -3,6 +3,7 @@
 Every kind of motion, and bad input.
 """
 
+import itertools
 from contextlib import nullcontext
 
 import numpy as np
@@ -259,6 +260,18 @@ def test_kinds_of_motion_and_their_angles():
         l = I * omega_from_euler_rates((0, 0.9, 0), (rate, 0.0, 4.0 - rate * np.cos(0.9)))
         path = solve_lagrange_top(I, K, l, leaning(0.9), np.linspace(0.0, 20.0, 50)).attitude
         assert np.abs(euler(path)[:, 1] - 0.9).max() < 1e-13  # 3.3e-16
+
+
+def test_an_axis_that_passes_through_the_vertical_traces_no_cusp():
+    """Both phi' sin^2 theta and sin^2 theta are 0 there; phi' is not, and the axis moves on."""
+    for weight, theta, spin in itertools.product((K, -K), (0.0, np.pi), (3.0, -3.0)):
+        top = analyse_lagrange_top(I, weight, (0.3, 0.0, spin), (0.0, theta, 0.0))
+        assert top.kind == "monotone precession"
+        assert theta in (top.high, top.low)
+    # pushed towards the vertical: loops before, waves beyond
+    push = 3.0 * np.tan(0.45) * np.array([1.0 - 1e-9, 1.0, 1.0 + 1e-9])
+    kinds = [analyse_lagrange_top(I, K, (0, x, 3.0), leaning(0.9)).kind for x in push]
+    assert kinds == ["loops", "monotone precession", "monotone precession"]
 
 
 def test_unequal_moments_are_refused_and_flagged():

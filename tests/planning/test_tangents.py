@@ -15,7 +15,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.dual_arrays import zeros
 from rigidmc.planning.initial import block_rows, initial_block, rows_to_fill
-from rigidmc.planning.tangents import build_with_tangents, tangents_at_start, tangents_of_members
+from rigidmc.planning.tangents import build_with_tangents, tangents_at_start
 from rigidmc.planning.units import scale_scene, unit_factor
 from rigidmc.scene.derivatives import parameter_names_of_derivatives, seeds_of
 from rigidmc.scene.parameters import unit_at
@@ -350,7 +350,9 @@ def tangents(scene, names, members=MEMBERS, first=0):
     """The derivatives of `rows_of`."""
     count, turned = block_rows(scene.effects, False), scene.body.is_turned
     rows, axes = (count + 4, count) if turned else (count, None)
-    return tangents_at_start(scene.model, 7, first, members, True, rows, names, axes)
+    out = np.zeros((len(names), rows, members))
+    tangents_at_start(scene.model, 7, np.arange(first, first + members), names, out, axes=axes)
+    return out
 
 
 def differences(make, given, name):
@@ -431,8 +433,7 @@ def test_tangents_fill_a_given_array():
     names = parameter_names_of_derivatives(scene.model)
     rows, known = block_rows(scene.effects, False), tangents(scene, names)
     given = np.full_like(known, 7.0)
-    found = tangents_at_start(scene.model, 7, 0, MEMBERS, True, rows, names, out=given)
-    assert found is given
+    tangents_at_start(scene.model, 7, np.arange(MEMBERS), names, given)
     filled = np.zeros(rows, bool)
     for part in rows_to_fill(scene.effects):
         filled[part] = True
@@ -449,7 +450,8 @@ def test_a_member_has_the_same_tangents_in_any_block(name):
         assert np.array_equal(part, whole[:, :, first:])
     rows = block_rows(scene.effects, False)
     members = np.array([5, 6, 1, 2, 600, 602])
-    some = tangents_of_members(scene.model, 7, members, True, rows, names)
+    some = np.zeros((len(names), rows, members.size))
+    tangents_at_start(scene.model, 7, members, names, some)
     assert np.array_equal(some[:, :, :4], whole[:, :rows, members[:4]])
 
 

@@ -35,8 +35,8 @@ def tasks(monkeypatch):
     directory = SimpleNamespace(path="run")
 
     def make(client, stop=None):
-        options = (False, False, None, None)
-        return cluster._Tasks(client, "tcp://", directory, (b"",), np.arange(10), stop, options)
+        given = {"texts": (b"",), "how": cluster.Resume(stop=stop), "work": None}
+        return cluster._Tasks(client, "tcp://", directory, np.arange(10), given)
 
     return make
 

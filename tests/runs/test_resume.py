@@ -490,7 +490,7 @@ def test_a_cluster_makes_the_same_bytes(whole, tmp_path):
     resume.resume(tmp_path / "run", cluster="local:1")
     assert sums(tmp_path / "run") == sums(whole)
     texts = tuple(content_of(str(whole), name) for name in cluster.FILES)
-    i, found, name, data = cluster.shard(5, str(tmp_path / "elsewhere"), texts)
+    i, found, name, data = cluster.shard(5, str(tmp_path / "elsewhere"), texts, cluster.Resume())
     assert (i, found["ok"]) == (5, 40) and hashlib.sha256(data).hexdigest() == sums(whole)[name]
     for where in ("here:2", "local:0", "tcp"):
         with pytest.raises(OptionError, match="cluster = "):

@@ -106,14 +106,14 @@ def test_a_damaged_object_is_found_and_mended(whole, tmp_path):
 def test_two_writers_without_a_lock_do_no_harm(whole, tmp_path):
     """What needs a lock is refused; a shard written twice is the same object."""
     url = begun(whole, f"memory://{tmp_path.name}")
-    one, other = RunDirectory(url), RunDirectory(url)
+    one, other, here = RunDirectory(url), RunDirectory(url), cluster.Resume()
     with one.locked(), other.locked():
         texts = tuple(content_of(one.folder, name) for name in FILES)
         # as workers that reach the store: the bytes do not pass the client, and no task lists the
         # shards, which may be 100,000
         with patch.object(RunDirectory, "listed", side_effect=AssertionError):
-            assert [cluster.shard(3, url, texts).data for _ in range(2)] == [None, None]
-        unreached = cluster.shard(2, f"{url}/nothing", texts)
+            assert [cluster.shard(3, url, texts, here).data for _ in range(2)] == [None, None]
+        unreached = cluster.shard(2, f"{url}/nothing", texts, here)
         cluster._store(unreached, "tcp://", other)
     assert objects(url).items() <= sums(whole).items() and len(objects(url)) == 2
     for refused in (

@@ -287,7 +287,7 @@ def test_eigenvectors_belong_to_their_eigenvalues():
     scene = top((1.0, 1.5, 0.8), (0.2, 0.1, 0.3), omega=(0.5, 1.0, 8.0), attitude=(0.3, 0.5, 0.2))
     problem = Problem.of(scene, 0)
     motion = problem.solved(problem.starts(1))[0]
-    j = jacobians(motion.known, motion.found, motion.state)[0]
+    j = jacobians(motion.system, motion.state)[0]
     own = motion.linear.origins.count("motion")
     values, vectors = motion.linear.values[:own], motion.linear.vectors[:, :own]
     assert own == 4
@@ -380,7 +380,7 @@ def test_newton_converges_quadratically_and_a_broken_jacobian_does_not(monkeypat
 
     def left():
         problem = Problem.of(scene, 0)
-        return steady.solve(problem.known, problem.found, problem.starts(1), problem.held)[1][0]
+        return steady.solve(problem.system, problem.starts(1), problem.held)[1][0]
 
     assert left() < 1e-14  # measured 2e-16
     right = rates.rates_of

@@ -2,7 +2,7 @@
 
 from rigidmc.planning import closed_form as forms
 from rigidmc.planning.initial import block_rows, initial_block, make_sampler
-from rigidmc.planning.monitors import has_attitude, make_monitors
+from rigidmc.planning.monitors import make_monitors
 from rigidmc.planning.notes import scene_notes, step_notes
 from rigidmc.runs.assemble import make_program
 from rigidmc.runs.prepare import prepare_scene
@@ -38,7 +38,7 @@ def monitors_of(scene):
 
 def carries_attitude(scene):
     """Whether a run of a scene follows the attitude."""
-    return has_attitude(scene.effects, scene.recording, monitors_of(scene))
+    return monitors_of(scene).has_attitude
 
 
 def notes_of(scene, plan=None):

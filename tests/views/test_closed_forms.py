@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 import rigidmc as rm
-from rigidmc.studies.closed_form import compare
+from rigidmc.studies.closed_form import _waves, compare
 from rigidmc.views.closed_forms import (
     draw_effective_potential,
     euler_angles,
@@ -112,21 +112,34 @@ def test_phi_and_psi_are_left_out_where_theta_is_0():
 
 
 def test_exact_tells_the_rates_of_steady_precession():
-    def told(spin):
-        scene = rm.Scene.load("heavy_top", [("start.omega", f"[0.0, 0.0, {spin}]")])
+    def told(spin, *changes):
+        changed = [("start.omega", f"[0.0, 0.0, {spin}]"), *changes]
+        scene = rm.Scene.load("heavy_top", changed)
         return "\n".join(compare(scene, -1.0, 1))
 
     slow, fast = np.sort(np.roots([MOMENTS[0] * np.cos(THETA), -MOMENTS[2] * SPIN, WEIGHT]))
     assert f"slow {slow:.6g}, fast {fast:.6g} rad/s" in told(SPIN)
     least = 2.0 * np.sqrt(MOMENTS[0] * WEIGHT) / MOMENTS[2]
-    assert f"upright, it sleeps above {least:.6g} rad/s; its spin is 200" in told(SPIN)
+    assert f"upright, it sleeps above |omega_3| = {least:.6g} rad/s; its omega_3 is 200" in told(
+        SPIN
+    )
     assert f"none below a spin of {least * np.sqrt(np.cos(THETA)):.6g} rad/s" in told(90.0)
     assert "motion       cusps\n" in told(SPIN)
-    waves = re.search("waves .* for a push of 0 to ([.0-9]+) rad/s", told(SPIN))
-    for part, kind in ((0.999, "monotone precession"), (1.001, "loops")):
-        momentum = MOMENTS * (0.0, part * float(waves[1]), SPIN)
-        assert rm.analyse_lagrange_top(MOMENTS, WEIGHT, momentum, ATTITUDE).kind == kind
     assert "waves" not in told(90.0)  # slow: each push with the precession makes waves
+    assert "upside down, it sleeps above" in told(SPIN, ("body.pivot.3", "0.04"))
+
+
+@pytest.mark.parametrize("weight", [WEIGHT, -WEIGHT])
+@pytest.mark.parametrize("spin", [SPIN, -SPIN])
+def test_exact_tells_the_pushes_that_make_waves_and_loops(weight, spin):
+    """A push past the one that leads through the vertical makes waves again, not loops."""
+    (line,) = _waves(MOMENTS, weight, MOMENTS[2] * spin, THETA, "")
+    most, *ends = (float(x) for x in re.findall(r"(?:to|at|and) (-?[.0-9]+)", line))
+    beyond = [(end, "loops", "monotone precession") for end in ends]
+    for push, inside, outside in ((most, "monotone precession", "loops"), *beyond):
+        for part, kind in ((0.999, inside), (1.001, outside)):
+            momentum = MOMENTS * (0.0, part * push, spin)
+            assert rm.analyse_lagrange_top(MOMENTS, weight, momentum, ATTITUDE).kind == kind
 
 
 def test_exact_tells_one_precession_of_a_horizontal_axis():

@@ -17,7 +17,7 @@ from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.observables.protocol import size
 from rigidmc.planning.closed_form import closed_values
-from rigidmc.planning.initial import block_rows, initial_block
+from rigidmc.planning.initial import initial_block
 from rigidmc.planning.steps import Array, Clock, round_grid
 from rigidmc.planning.tolerance.deviation import upper_quantile
 from rigidmc.planning.tolerance.pilot import OBSERVED, Pilot
@@ -90,8 +90,7 @@ class Costs:
             model, sampler = self.pilot.scene.model, self.pilot.sampler
             count = min(BLOCK, count_rows(*model.quantities()) or BLOCK)
             began = time.perf_counter()
-            height = block_rows(model.effects, False)
-            initial_block(model, sampler, 0, count, self.pilot.has_attitude, height)
+            initial_block(model, sampler, 0, count, self.pilot.has_attitude)
             return 1e9 * (time.perf_counter() - began) / count
 
         return self._once("start", lambda: min(draw() for _ in range(3)))
@@ -119,13 +118,11 @@ class Costs:
     def _closed(self) -> float:
         scene, count = self.pilot.scene, min(512, max(layout.LANES, self.pilot.members))
         model, recorded = scene.model, list(scene.recording.recorded.values())
-        height = block_rows(model.effects, False)
         saves, taken = min(self.saves, 50), []
         times = np.linspace(0.0, scene.run.t_end, saves + 1)
         for _ in range(3):
-            block, start = initial_block(
-                model, self.pilot.sampler, 0, count, self.pilot.has_attitude, height
-            )
+            known = self.pilot.sampler, 0, count, self.pilot.has_attitude
+            block, start = initial_block(model, *known)
             began = time.perf_counter()
             clock = Clock(times[1], saves, times[1])
             closed_values(model.effects, recorded, block, start, times, clock)

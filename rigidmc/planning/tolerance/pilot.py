@@ -19,12 +19,11 @@ from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.check import check_scene
 from rigidmc.planning.initial import (
     Source,
-    block_rows,
     initial_block,
     make_pilot,
     make_sampler,
 )
-from rigidmc.planning.monitors import Monitors, has_attitude, make_monitors
+from rigidmc.planning.monitors import Monitors, make_monitors
 from rigidmc.planning.plan import driving_effects
 from rigidmc.planning.scheme import make_scheme
 from rigidmc.planning.steps import Array, Clock, count_member_steps, rate_bounds, round_grid
@@ -145,9 +144,8 @@ def pilot(scene: Scene, members: int, first: int | None = None) -> Pilot:
     elif available is not None:
         members = min(members, available)
         first = min(first, available - members)
-    attitude = has_attitude(model.effects, recorded, monitors)
-    height = block_rows(model.effects, False)
-    block, _ = initial_block(model, sampler, first, members, attitude, height)
+    attitude = monitors.has_attitude
+    block, _ = initial_block(model, sampler, first, members, attitude)
     bounds = make_pilot(model, sampler, attitude).block
     padding = whole_lanes(members) - members
     block = np.ascontiguousarray(np.pad(block, ((0, 0), (0, padding)), mode="edge"))

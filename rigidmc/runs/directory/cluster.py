@@ -64,8 +64,26 @@ SETTINGS = {  # of a cluster on this machine
 }
 
 
-# (directory, i, allow_code, accept, device) -> {status: members}
-Work = Callable[[RunDirectory, int, bool, bool, str | None], dict[str, int]]
+class Resume(NamedTuple):
+    """How a run goes on.
+
+    only : a range of shards, None for all that are missing
+    stop : time limit on the clock of time.monotonic(), None for none
+    cluster : "tcp://host:8786" of a scheduler, or "local:4" for four processes of one thread each
+        on this machine; these need an importable main module (`if __name__ == "__main__":`)
+    accept : continue even if versions differ from those at the start
+    allow_code, device : as in `Scene.load` and `simulate`
+    """
+
+    only: range | None = None
+    stop: float | None = None
+    cluster: str | None = None
+    accept: bool = False
+    allow_code: bool = False
+    device: str | None = None
+
+
+Work = Callable[[RunDirectory, int, Resume], dict[str, int]]  # returns {status: members}
 
 
 class ComputedShard(NamedTuple):
@@ -95,20 +113,14 @@ def compute_on(
     cluster: str,
     directory: RunDirectory,
     numbers: Numbers,
+    how: Resume,
     progress: Progress = False,
-    stop: float | None = None,
-    allow_code: bool = False,
-    accept: bool = False,
     work: Work | None = None,
-    device: str | None = None,
 ) -> dict[str, int]:
-    """Compute some shards of a run whose lock this process holds; return {status: members}.
+    """Compute some shards of a run whose lock this process holds; return {status: members}. No
+    shard starts that would end after the time limit.
 
-    cluster : "tcp://host:8786" of a scheduler, or "local:4" for four processes of one thread each
-        on this machine; these need an importable main module (`if __name__ == "__main__":`)
-    stop : time limit on the clock of time.monotonic(); no shard starts that would end later
     work : function that computes a shard of a directory, by default its members
-    device : where workers move members, as in `simulate`
 
     Raises OptionError if dask or the cluster is missing, OSError if the cluster is lost, and any
     error of a worker.
@@ -119,8 +131,8 @@ def compute_on(
         _connected(cluster, directory) as client,
         reporter(progress, directory.members_of(numbers), 1) as report,
     ):
-        options = allow_code, accept, work, device
-        tasks = _Tasks(client, cluster, directory, texts, numbers, stop, options)
+        given = {"texts": texts, "how": how, "work": work}
+        tasks = _Tasks(client, cluster, directory, numbers, given)
         for computed in tasks.results(report.poll):
             _store(computed, cluster, directory)
             for word, count in computed.flagged.items():
@@ -159,7 +171,7 @@ def _connected(cluster: str, directory: RunDirectory) -> "Iterator[Client]":
 class _Tasks:
     """The shards of a run as tasks of a cluster, submitted a few at a time.
 
-    texts : the contents of FILES;  options : allow_code, accept, work and device of `shard`
+    given : arguments of `shard`
     """
 
     def __init__(
@@ -167,19 +179,17 @@ class _Tasks:
         client: "Client",
         cluster: str,
         directory: RunDirectory,
-        texts: tuple[bytes, ...],
         numbers: Numbers,
-        stop: float | None,
-        options: tuple[bool, bool, Work | None, str | None],
+        given: dict[str, Any],
     ) -> None:
-        self._client, self._cluster, self._stop = client, cluster, stop
-        path = absolute(directory.path)
+        self._client, self._cluster, self._stop = client, cluster, given["how"].stop
+        path, texts = absolute(directory.path), given["texts"]
         # fixed keys: a shard of this directory that is requested twice is one task
         self._name = f"rigidmc-{hashlib.sha256(path.encode() + texts[0]).hexdigest()}"
         # A task, not scattered data: the scheduler gives it to workers that join later, and repeats
         # it if every worker that holds the texts is lost.
         files = client.submit(_texts, texts, key=f"{self._name}-files")
-        self._given: dict[str, Any] = {"path": path, "texts": files, "options": options}
+        self._given: dict[str, Any] = {**given, "path": path, "texts": files}
         self._numbers, self._waiting = map(int, numbers), 0
         self._began, self._done = time.monotonic(), 0
         self._threads, self._counted = 1, -math.inf
@@ -279,18 +289,17 @@ def shard(
     i: int,
     path: str,
     texts: tuple[bytes, ...],
-    options: tuple[bool, bool, Work | None, str | None] = (False, False, None, None),
+    how: Resume,
+    work: Work | None = None,
 ) -> ComputedShard:
     """Compute shard i of a run, on a worker.
 
-    path, texts : of the run directory, and the contents of its FILES
-    options : allow_code, accept, work and device as in `compute_on`
+    path, texts : of the run directory, and the contents of its FILES;  work : as in `compute_on`
     """
-    allow_code, accept, work, device = options
     compute = work or _compute
     if _reaches(path, texts[0]):
         directory = RunDirectory(path)
-        flagged = compute(directory, i, allow_code, accept, device)
+        flagged = compute(directory, i, how)
         return ComputedShard(i, flagged, os.path.basename(directory.written), None)
     with tempfile.TemporaryDirectory(prefix="rigidmc-") as folder:
         os.mkdir(os.path.join(folder, "shards"))
@@ -299,7 +308,7 @@ def shard(
                 with open(os.path.join(folder, name), "wb") as file:
                     file.write(text)
         directory = RunDirectory(folder)
-        flagged = compute(directory, i, allow_code, accept, device)
+        flagged = compute(directory, i, how)
         written = os.path.split(directory.written)
         return ComputedShard(i, flagged, written[1], content_of(*written))
 
@@ -313,11 +322,9 @@ def _reaches(path: str, text: bytes) -> bool:
     return False
 
 
-def _compute(
-    directory: RunDirectory, i: int, allow_code: bool, accept: bool, device: str | None
-) -> dict[str, int]:
+def _compute(directory: RunDirectory, i: int, how: Resume) -> dict[str, int]:
     """Compute one shard of a run directory; return {status: members}."""
-    check_versions(directory, accept)
-    run, device = load_run(directory, allow_code), resolve_device(device)
+    check_versions(directory, how.accept)
+    run, device = load_run(directory, how.allow_code), resolve_device(how.device)
     block = block_of_run(directory, run, device)
     return compute_shards(directory, run, [i], Machine(1, device, block))

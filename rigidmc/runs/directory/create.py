@@ -31,7 +31,7 @@ from rigidmc.files.outputs import (
 from rigidmc.files.stores import Store, is_url
 from rigidmc.files.user_code import sources_of
 from rigidmc.inputs.amounts import read_seconds
-from rigidmc.planning.initial import block_rows, initial_block, make_sampler
+from rigidmc.planning.initial import initial_block, make_sampler
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.sinks import Arrays
 from rigidmc.results.writer import write_columns
@@ -216,11 +216,10 @@ def _columns(scene: Scene, count: int) -> Arrays:
         return [name for v in value for name in stored(v)] if isinstance(value, list) else []
 
     names = sorted(set(stored(tomllib.loads(scene.dumps()))))
-    model, height = scene.model, block_rows(scene.effects, False)
+    model = scene.model
     known = model, make_sampler(model, scene.run)
     pieces = [
-        initial_block(*known, low, min(BLOCK, count - low), True, height)[1]
-        for low in range(0, count, BLOCK)
+        initial_block(*known, low, min(BLOCK, count - low))[1] for low in range(0, count, BLOCK)
     ]
     return {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in names}
 

@@ -1,8 +1,10 @@
 """Resume runs after any interruption, and extend them by more members."""
 
+import contextlib
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sized
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +16,7 @@ from rigidmc.files.outputs import Path, make_durable, write_bytes
 from rigidmc.inputs.amounts import count_text, read_count, read_seconds
 from rigidmc.processes.progress import Progress, announce
 from rigidmc.processes.threads import Late, ending
-from rigidmc.runs.directory.cluster import compute_on, parse_cluster
+from rigidmc.runs.directory.cluster import Resume, compute_on, parse_cluster
 from rigidmc.runs.directory.create import refuse_many, refuse_shards_beyond
 from rigidmc.runs.directory.facts import facts_text, selection_facts
 from rigidmc.runs.directory.folder import CHOSEN, RunDirectory
@@ -61,46 +63,57 @@ def resume(
     another process writes to it, NoRoom if memory or disk is too small.
     """
     directory = path if isinstance(path, RunDirectory) else RunDirectory(path)
-    began = time.monotonic()
-    check_versions(directory, accept)
     refuse_shards_beyond(only, directory.count)
-    threads = None if threads is None else read_count(threads, "threads")
     block = None if block is None else read_count(block, "block")
-    stop = None if max_wall is None else began + read_seconds(max_wall, "max_wall")
-    if cluster is not None:
-        parse_cluster(cluster)
-    with directory.locked():
-        numbers = missing_of(directory, only)
+    how = read_resume(only, max_wall, cluster, accept, allow_code, device)
+    with resumed(directory, how) as numbers:
         run, device = load_run(directory, allow_code), resolve_device(device)
-        size = block_of_run(directory, run, device, block)
-        many = threads or threads_available()
+        block = block_of_run(directory, run, device, block)
+        many = threads_available() if threads is None else read_count(threads, "threads")
+        machine = Machine(many, device, block, progress)
         if numbers.size:
-            _refuse_hopeless(directory, run, numbers, size, many, cluster)
+            _refuse_hopeless(directory, run, numbers, machine, cluster)
         started = time.monotonic()
         try:
-            with announce(progress), ending(stop):
+            with announce(progress), ending(how.stop):
                 # also for the workers of a cluster, which find it in the cache
                 if numbers.size:
                     run.program(device)
         except Late:
             numbers = numbers[:0]
-        directory.note(
-            event="begun",
-            shards=len(numbers),
-            threads=threads,
-            cluster=cluster,
-            compile_seconds=round(time.monotonic() - started, 3),
-        )
+        took = round(time.monotonic() - started, 3)
 
         def compute() -> dict[str, int]:
             if cluster is None:
-                machine = Machine(many, device, size, progress)
-                return compute_shards(directory, run, numbers, machine, stop)
-            return compute_on(
-                cluster, directory, numbers, progress, stop, allow_code, accept, device=device
-            )
+                return compute_shards(directory, run, numbers, machine, how.stop)
+            return compute_on(cluster, directory, numbers, how, progress)
 
-        return directory, keep_journal(directory, compute)
+        begun = {"threads": threads, "cluster": cluster, "compile_seconds": took}
+        return directory, keep_journal(directory, numbers, compute, **begun)
+
+
+def read_resume(
+    only: range | None,
+    max_wall: float | str | None,
+    cluster: str | None,
+    accept: bool,
+    allow_code: bool,
+    device: str | None,
+) -> Resume:
+    """Return how a run goes on from now; OptionError for a wrong time or cluster."""
+    stop = None if max_wall is None else time.monotonic() + read_seconds(max_wall, "max_wall")
+    if cluster is not None:
+        parse_cluster(cluster)
+    return Resume(only, stop, cluster, accept, allow_code, device)
+
+
+@contextlib.contextmanager
+def resumed(directory: RunDirectory, how: Resume) -> Iterator[NDArray[np.int64]]:
+    """Hold the lock of a run directory, and yield the numbers of its missing shards; FileError for
+    other versions than those at the start."""
+    check_versions(directory, how.accept)
+    with directory.locked():
+        yield missing_of(directory, how.only)
 
 
 def missing_of(directory: RunDirectory, only: range | None) -> NDArray[np.int64]:
@@ -112,12 +125,12 @@ def _refuse_hopeless(
     directory: RunDirectory,
     run: PreparedRun,
     numbers: NDArray[np.int64],
-    block: int,
-    threads: int,
+    machine: Machine,
     cluster: str | None,
 ) -> None:
     """Raise NoRoom if shards of a run need more memory or disk than is free here. Workers on other
     computers have their own memory, so nothing is refused for them."""
+    threads, block = machine.threads, machine.block
     if cluster is not None:
         if not cluster.startswith("local:"):
             return
@@ -131,8 +144,12 @@ def _refuse_hopeless(
     check_resources(run, left, block, threads, place, more)
 
 
-def keep_journal(directory: RunDirectory, compute: Callable[[], dict[str, int]]) -> dict[str, int]:
-    """Call a function that computes shards, and record in the journal how it ended."""
+def keep_journal(
+    directory: RunDirectory, numbers: Sized, compute: Callable[[], dict[str, int]], **begun: Any
+) -> dict[str, int]:
+    """Call a function that computes some shards, and record in the journal how it began and
+    ended."""
+    directory.note(event="begun", shards=len(numbers), **begun)
     started = time.monotonic()
     try:
         flagged = compute()

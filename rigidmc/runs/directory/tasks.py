@@ -3,7 +3,6 @@ request and the task number. run.json lists tasks instead of members."""
 
 import json
 import os
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
@@ -12,22 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import STATUSES
-from rigidmc.engine.machine import threads_available
 from rigidmc.errors import FileError
 from rigidmc.files.netcdf import read
 from rigidmc.files.outputs import Path
 from rigidmc.files.reading import json_of
-from rigidmc.inputs.amounts import read_count, read_seconds
-from rigidmc.processes.progress import Progress, reporter
+from rigidmc.processes.progress import reporter
 from rigidmc.processes.threads import Late, ending, is_late
 from rigidmc.results.writer import write_columns
-from rigidmc.runs.directory.cluster import Work, compute_on, parse_cluster
+from rigidmc.runs.directory.cluster import Resume, Work, compute_on
 from rigidmc.runs.directory.create import MemberSelection, free_place, refuse_many, write_run_files
 from rigidmc.runs.directory.folder import RunDirectory
-from rigidmc.runs.directory.load import STUDY, check_versions
-from rigidmc.runs.directory.resume import keep_journal, missing_of
+from rigidmc.runs.directory.load import STUDY
+from rigidmc.runs.directory.resume import keep_journal, resumed
 from rigidmc.runs.directory.shards import Numbers
 from rigidmc.runs.prepare import prepare_scene
+from rigidmc.runs.settled import Machine
 from rigidmc.scene.scene import Scene
 
 Request = Mapping[str, Any]  # the request of a study, as in JSON
@@ -65,18 +63,18 @@ def compute_tasks(
     directory: RunDirectory,
     task: Task,
     numbers: Numbers,
-    threads: int,
-    progress: Progress = False,
+    machine: Machine,
     stop: float | None = None,
-    together: int = 1,
 ) -> dict[str, int]:
     """Compute the shards with these numbers and write them; return {status: tasks}.
 
+    machine : its block is the number of tasks computed at once, 0 for as many as keep the threads
+        at work
     stop : time limit on the clock of time.monotonic(), at which tasks are stopped
-    together : number of tasks computed at once, 0 for as many as keep the threads at work
     """
-    done, together = 0, together or tasks_at_once(threads)
-    with reporter(progress, len(numbers), 1) as report, ending(stop), suppress(Late):
+    threads = machine.threads
+    done, together = 0, machine.block or tasks_at_once(threads)
+    with reporter(machine.progress, len(numbers), 1) as report, ending(stop), suppress(Late):
         for first in range(0, len(numbers), together):
             if is_late():
                 break
@@ -107,42 +105,21 @@ def _write(directory: RunDirectory, i: int, number: int, found: TaskArrays) -> N
 
 
 def resume_tasks(
-    directory: RunDirectory,
-    task: Task,
-    work: Work,
-    threads: int | None = None,
-    progress: Progress = False,
-    accept: bool = False,
-    max_wall: float | str | None = None,
-    only: range | None = None,
-    allow_code: bool = False,
-    cluster: str | None = None,
-    together: int = 1,
-    device: str | None = None,
+    directory: RunDirectory, task: Task, work: Work, machine: Machine, how: Resume
 ) -> dict[str, int]:
     """Compute the missing tasks of a study; return {status: tasks}.
 
-    Arguments as in `rigidmc.runs.directory.resume.resume`.
-    work : function that a worker of a cluster calls;  together : as in `compute_tasks`
+    work : function that a worker of a cluster calls;  machine : as in `compute_tasks`
     """
-    began = time.monotonic()
-    check_versions(directory, accept)
-    many = threads_available() if threads is None else read_count(threads, "threads")
-    stop = None if max_wall is None else began + read_seconds(max_wall, "max_wall")
-    if cluster is not None:
-        parse_cluster(cluster)
-    with directory.locked():
-        numbers = missing_of(directory, only)
-        directory.note(event="begun", shards=len(numbers), threads=threads, cluster=cluster)
+    with resumed(directory, how) as numbers:
 
         def compute() -> dict[str, int]:
-            if cluster is None:
-                return compute_tasks(directory, task, numbers, many, progress, stop, together)
-            return compute_on(
-                cluster, directory, numbers, progress, stop, allow_code, accept, work, device
-            )
+            if how.cluster is None:
+                return compute_tasks(directory, task, numbers, machine, how.stop)
+            return compute_on(how.cluster, directory, numbers, how, machine.progress, work)
 
-        return keep_journal(directory, compute)
+        begun = {"threads": machine.threads, "cluster": how.cluster}
+        return keep_journal(directory, numbers, compute, **begun)
 
 
 def read_tasks(directory: RunDirectory) -> dict[int, TaskArrays]:

@@ -14,13 +14,14 @@ from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import FileError, OptionError, warn
 from rigidmc.files.outputs import Path
-from rigidmc.inputs.amounts import read_count, read_seconds, two_digits
+from rigidmc.inputs.amounts import read_count, two_digits
 from rigidmc.processes.progress import Progress, announce, reporter, say
 from rigidmc.results.labels import count_text
+from rigidmc.runs.directory.cluster import Resume
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.directory.gather import verify
 from rigidmc.runs.directory.load import check_versions, scene_of_run
-from rigidmc.runs.directory.resume import add_members, missing_of
+from rigidmc.runs.directory.resume import add_members, missing_of, read_resume
 from rigidmc.runs.directory.tasks import (
     Request,
     TaskArrays,
@@ -35,6 +36,7 @@ from rigidmc.runs.directory.tasks import (
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.price import cost_per_step
 from rigidmc.runs.resources import movers
+from rigidmc.runs.settled import Machine
 from rigidmc.scene.scene import Scene
 from rigidmc.studies import STUDIES, load_study
 from rigidmc.studies.framework.variables import describe
@@ -182,28 +184,25 @@ def resume_study(
     Raises OptionError for a range of tasks if further tasks are still unknown.
     """
     tasks, run, request = _prepared(directory, allow_code)
-    stop = None if max_wall is None else time.monotonic() + read_seconds(max_wall, "max_wall")
+    accept, cluster = options.get("accept", False), options.get("cluster")
+    how = read_resume(only, max_wall, cluster, accept, allow_code, device)
+    threads, progress = options.get("threads"), options.get("progress", False)
+    many = threads_available() if threads is None else read_count(threads, "threads")
+    machine = Machine(many, "cpu", tasks.together, progress)
     flagged: dict[str, int] = {}
-    left: float | None = None if stop is None else max(1e-9, stop - time.monotonic())
     while True:
-        if options.get("progress") is True:
+        if progress is True:
             numbers = [int(directory.members(int(i))[0]) for i in missing_of(directory, only)]
-            threads = options.get("threads") or threads_available()
             if numbers:
-                say(tasks.price(run, request, numbers, threads, device))
+                say(tasks.price(run, request, numbers, many, device))
         now = resume_tasks(
             directory,
             lambda numbers, threads: tasks.compute_some(run, request, numbers, threads, device),
             work,
-            max_wall=left,
-            only=only,
-            allow_code=allow_code,
-            together=tasks.together,
-            device=device,
-            **options,
+            machine,
+            how,
         )
         flagged = {word: flagged.get(word, 0) + count for word, count in now.items()}
-        left = None if stop is None else stop - time.monotonic()
         if directory.missing().size or not directory.facts["growing"]:
             return directory, flagged
         more = np.asarray(tasks.next(run, request, read_tasks(directory)), np.int64)
@@ -211,7 +210,7 @@ def resume_study(
             rule = "the next tasks depend on all of these: resume without a range of shards"
             raise OptionError(rule, at="shards", value=f"{only.start}:{only.stop}")
         directory = add_members(directory, more, int(more.size > 0))
-        if not more.size or (left is not None and left <= 0.0):
+        if not more.size or (how.stop is not None and time.monotonic() >= how.stop):
             return directory, flagged
 
 
@@ -233,17 +232,15 @@ def load_tasks(
     return scene_of_run(directory, allow_code), study[2], done
 
 
-def work(
-    directory: RunDirectory, i: int, allow_code: bool, accept: bool, device: str | None
-) -> dict[str, int]:
+def work(directory: RunDirectory, i: int, how: Resume) -> dict[str, int]:
     """Compute one task of a run directory, as a worker on a cluster."""
-    check_versions(directory, accept)
-    tasks, run, request = _prepared(directory, allow_code)
+    check_versions(directory, how.accept)
+    tasks, run, request = _prepared(directory, how.allow_code)
     return compute_tasks(
         directory,
-        lambda numbers, threads: tasks.compute_some(run, request, numbers, threads, device),
+        lambda numbers, threads: tasks.compute_some(run, request, numbers, threads, how.device),
         [i],
-        1,
+        Machine(1, "cpu", 1),
     )
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rigidmc.studies.linearise.motions import Motion, Problem, distinct, is_same
 
 Array = NDArray[np.float64]
+Branch = list[Motion | None]  # a steady motion at the values of the grid, None where there is none
 HALVINGS = 32  # of an interval of the grid, where stability changes
 END_HALVINGS = 16  # where a branch ends: its motions are known to the root of the step there
 FAR = 0.5  # rad, or relative change of the momentum: a larger step leaves the branch
@@ -28,37 +29,14 @@ PITCHFORK, TRANSCRITICAL, FOLD = "pitchfork", "transcritical", "fold"
 HOPF, HAMILTONIAN_HOPF, ZERO, END = "Hopf", "Hamiltonian Hopf", "zero eigenvalue", "end"
 
 
-class Branch(NamedTuple):
-    """A steady motion at the values of the grid, None where it does not exist."""
-
-    motions: list[Motion | None]
-
-
-class Bifurcation(NamedTuple):
-    """Where the stability of a branch changes, or branches begin or end.
-
-    kind : pitchfork, transcritical, fold, Hopf, Hamiltonian Hopf, zero eigenvalue or end
-    value : of the parameter
-    branch : number of the branch that goes through, or of the first that ends
-    others : numbers of the branches that begin or end there, or cross
-    frequency : of the eigenvalue that crosses [rad/s], 0 if it passes 0; nan without one
-    growing : numbers of growing changes of the branch below and above the value
-    """
-
-    kind: str
-    value: float
-    branch: int
-    others: tuple[int, ...]
-    frequency: float
-    growing: tuple[int, int]
-
-
 class Event(NamedTuple):
     """A change of stability of one branch, or its end, before it is known what meets there.
 
-    step : of the grid
+    value : of the parameter;  step : of the grid
     nearest : number of the nearest other branch, -1 without one;  apart : their distance
-    frequency : nan for ends;  is_last : of an end, whether the branch exists below it
+    frequency : of the eigenvalue that crosses [rad/s], 0 if it passes 0; nan for ends
+    growing : numbers of growing changes of the branch below and above the value
+    is_last : of an end, whether the branch exists below it
     """
 
     branch: int
@@ -80,6 +58,19 @@ class Event(NamedTuple):
         return abs(self.value - other.value) < TOGETHER * self.step
 
 
+class Bifurcation(NamedTuple):
+    """Where the stability of a branch changes, or branches begin or end.
+
+    kind : pitchfork, transcritical, fold, Hopf, Hamiltonian Hopf, zero eigenvalue or end
+    event : of the branch that goes through, or of the first that ends
+    others : numbers of the branches that begin or end there, or cross
+    """
+
+    kind: str
+    event: Event
+    others: tuple[int, ...]
+
+
 Solve = Callable[[float], Problem]
 
 
@@ -95,14 +86,14 @@ def follow(
     number of finished values
     """
     problems = [problem_at(float(value)) for value in values]
-    usual, values = min(len(p.found.generators) for p in problems), values.copy()
+    usual, values = min(len(p.system.generators) for p in problems), values.copy()
     for k, problem in enumerate(problems):
-        if len(problem.found.generators) > usual:
+        if len(problem.system.generators) > usual:
             values[k] += MOVED * (values[k - 1] - values[k] if k else values[1] - values[0])
             problems[k] = problem_at(float(values[k]))
     branches: list[Branch] = []
     for k, problem in enumerate(problems):
-        before = [b.motions[k - 1] if k else None for b in branches]
+        before = [b[k - 1] if k else None for b in branches]
         tracked = _tracked(problem, before)
         _drop_merged(tracked)
         for i, old in enumerate(before):
@@ -111,18 +102,18 @@ def follow(
                 tracked[i] = _by_halves(problem_at, *ends, old, SMALLER)
         _drop_merged(tracked)
         for branch, motion in zip(branches, tracked, strict=True):
-            branch.motions.append(motion)
+            branch.append(motion)
         alive = [motion for motion in tracked if motion is not None]
         for motion in distinct([*alive, *problem.search(starts)])[len(alive) :]:
-            branches.append(Branch([*[None] * k, motion]))
+            branches.append([*[None] * k, motion])
         tell(k + 1)
     _follow_back(problems, branches)
     events = []
     for number, branch in enumerate(branches):
         for k in range(len(values) - 1):
-            below, above = branch.motions[k : k + 2]
+            below, above = branch[k : k + 2]
             at = k if below is not None else k + 1
-            beside = [b.motions[at] if i != number else None for i, b in enumerate(branches)]
+            beside = [b[at] if i != number else None for i, b in enumerate(branches)]
             low, high = float(values[k]), float(values[k + 1])
             if below is not None and above is not None:
                 if below.growing != above.growing:
@@ -131,52 +122,54 @@ def follow(
                 events.append(_end(problem_at, low, high, below, beside, number))
             elif above is not None:
                 events.append(_end(problem_at, high, low, above, beside, number))
-    is_hamiltonian = all(p.found.is_hamiltonian for p in problems)
+    is_hamiltonian = all(p.system.is_hamiltonian for p in problems)
     return values, branches, _bifurcations(events, is_hamiltonian)
 
 
 def _bifurcations(events: Sequence[Event], is_hamiltonian: bool) -> list[Bifurcation]:
     """Return the bifurcations that changes of stability and ends of branches make up."""
-    found, left = [], list(events)
-    for one in [e for e in events if not e.is_end]:
-        if one not in left:
+    bifurcations, left = list[Bifurcation](), list(events)
+
+    for event in [e for e in events if not e.is_end]:
+        if event not in left:
             continue
-        met = [e for e in left if e.is_end and e.nearest == one.branch and e.is_with(one)]
+        met = [e for e in left if e.is_end and e.nearest == event.branch and e.is_with(event)]
+        pair = {event.branch, event.nearest}
         crossed = [
             e for e in left
-            if not e.is_end and e.frequency == 0.0 == one.frequency and e.apart < CLOSE
-            and {e.branch, e.nearest} == {one.branch, one.nearest} and e != one and e.is_with(one)
+            if not e.is_end and e.frequency == 0.0 == event.frequency and e.apart < CLOSE
+            and {e.branch, e.nearest} == pair and e != event and e.is_with(event)
         ]  # fmt: skip
-        others = tuple(e.branch for e in (*met, *crossed))
-        if one.frequency:
+        if event.frequency:
             kind = HAMILTONIAN_HOPF if is_hamiltonian else HOPF
         elif crossed or len({e.is_last for e in met}) == 2:
             kind = TRANSCRITICAL
         else:
             kind = PITCHFORK if met else ZERO
-        found.append(Bifurcation(kind, one.value, one.branch, others, one.frequency, one.growing))
-        left = [e for e in left if e not in (one, *met, *crossed)]
+        others = tuple(e.branch for e in (*met, *crossed))
+        bifurcations.append(Bifurcation(kind, event, others))
+        left = [e for e in left if e not in (event, *met, *crossed)]
     while left:
-        one = left.pop(0)
+        event = left.pop(0)
         met = [
             e for e in left
-            if e.branch == one.nearest and e.is_last == one.is_last and e.is_with(one)
-            and one.apart < CLOSE
+            if e.branch == event.nearest and e.is_last == event.is_last and e.is_with(event)
+            and event.apart < CLOSE
         ]  # fmt: skip
-        kind, others = FOLD if met else END, tuple(e.branch for e in met)
-        if not met and 0.0 <= one.apart < CLOSE:
-            others = (one.nearest,)
-        found.append(Bifurcation(kind, one.value, one.branch, others, np.nan, one.growing))
+        others = tuple(e.branch for e in met)
+        if not met and 0.0 <= event.apart < CLOSE:
+            others = (event.nearest,)
+        bifurcations.append(Bifurcation(FOLD if met else END, event, others))
         left = [e for e in left if e not in met]
-    return sorted(found, key=lambda one: one.value)
+    return sorted(bifurcations, key=lambda bifurcation: bifurcation.event.value)
 
 
 def _tracked(problem: Problem, before: Sequence[Motion | None]) -> list[Motion | None]:
     """Return the motions that continue those at a neighbouring value."""
-    known = [(i, motion) for i, motion in enumerate(before) if motion is not None]
+    there = [(i, motion) for i, motion in enumerate(before) if motion is not None]
     after: list[Motion | None] = [None] * len(before)
-    solved = problem.solved(problem.states_of([motion.guess for _, motion in known]))
-    for (i, old), new in zip(known, solved, strict=True):
+    solved = problem.solved(problem.states_of([motion.guess for _, motion in there]))
+    for (i, old), new in zip(there, solved, strict=True):
         after[i] = new if new is not None and _is_near(old, new) else None
     return after
 
@@ -202,7 +195,7 @@ def _is_near(old: Motion, new: Motion) -> bool:
     (q, l), (p, m) = old.guess, new.guess
     size = float(max(np.linalg.norm(l), np.linalg.norm(m)))
     turned = 2.0 * np.arccos(min(1.0, abs(float(q @ p))))
-    unit = old.known.moment * old.known.rate
+    unit = old.system.mechanics.unit
     return bool(turned < FAR and np.linalg.norm(l - m) < FAR * (size + 1e-6 * unit))
 
 
@@ -217,13 +210,13 @@ def _drop_merged(motions: list[Motion | None]) -> None:
 def _follow_back(problems: Sequence[Problem], branches: Sequence[Branch]) -> None:
     """Continue branches that were met late towards smaller values."""
     for number, branch in enumerate(branches):
-        first = next(k for k, motion in enumerate(branch.motions) if motion is not None)
+        first = next(k for k, motion in enumerate(branch) if motion is not None)
         for k in range(first - 1, -1, -1):
-            (motion,) = _tracked(problems[k], [branch.motions[k + 1]])
-            others = [b.motions[k] for i, b in enumerate(branches) if i != number]
+            (motion,) = _tracked(problems[k], [branch[k + 1]])
+            others = [b[k] for i, b in enumerate(branches) if i != number]
             if motion is None or any(o is not None and is_same(o, motion) for o in others):
                 break
-            branch.motions[k] = motion
+            branch[k] = motion
 
 
 def _nearest(motion: Motion, others: Sequence[Motion | None]) -> tuple[int, float]:
@@ -285,6 +278,8 @@ def _change(
             high, above = middle, motion
     more = above if last > first else below
     leaving = more.motion_values[int(more.motion_values.real.argmax())]
-    turning = float(abs(leaving.imag)) * more.known.rate if abs(leaving.imag) > 1e-3 else 0.0
+    turning = (
+        float(abs(leaving.imag)) * more.system.mechanics.rate if abs(leaving.imag) > 1e-3 else 0.0
+    )
     value = 0.5 * (low + high)
     return Event(number, value, step, *_nearest(below, others), turning, (first, last))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.linearise.rates import Mechanics, energy_of, mechanics_of
+from rigidmc.studies.linearise.rates import energy_of, mechanics_of
 from rigidmc.studies.linearise.stability import MOTION, Linearised, linearise_motions
 from rigidmc.studies.linearise.steady import (
     SOLVED,
@@ -20,7 +20,7 @@ from rigidmc.studies.linearise.steady import (
     standing,
     with_frames,
 )
-from rigidmc.studies.linearise.symmetries import Symmetries, find_symmetries
+from rigidmc.studies.linearise.symmetries import System, find_symmetries
 
 Array = NDArray[np.float64]
 SAME = 1e-5  # largest difference of signatures of one motion; double roots are found to 1e-7
@@ -37,8 +37,7 @@ class Motion(NamedTuple):
     signature : see `rigidmc.studies.linearise.steady.signatures`
     """
 
-    known: Mechanics
-    found: Symmetries
+    system: System
     state: States
     residual: float
     signature: Array
@@ -48,7 +47,7 @@ class Motion(NamedTuple):
     @property
     def energy(self) -> float:
         """Kinetic plus potential energy [J]."""
-        return float(energy_of(self.known, self.state.q, self.state.l)[0])
+        return float(energy_of(self.system.mechanics, self.state.q, self.state.l)[0])
 
     @property
     def growing(self) -> int:
@@ -68,14 +67,14 @@ class Motion(NamedTuple):
     @property
     def guess(self) -> tuple[Array, Array]:
         """(q (4,), l (3,) [kg m^2/s]), to search from in another scene."""
-        return self.state.q[:, 0], self.state.l[:, 0] * self.known.moment * self.known.rate
+        mechanics = self.system.mechanics
+        return self.state.q[:, 0], self.state.l[:, 0] * mechanics.moment * mechanics.rate
 
 
 class Problem(NamedTuple):
     """The equations of the steady motions of a scene, and the start of a member."""
 
-    known: Mechanics
-    found: Symmetries
+    system: System
     q: Array
     l: Array
     held: Array
@@ -83,27 +82,24 @@ class Problem(NamedTuple):
     @staticmethod
     def of(scene: Scene, member: int) -> "Problem":
         """Return the Problem of a member; SceneError for a scene without steady motions."""
-        known, q, l = mechanics_of(scene, member)
-        found = find_symmetries(known)
-        if not len(found.central) and not found.conserves_size:
+        mechanics, q, l = mechanics_of(scene, member)
+        system = find_symmetries(mechanics)
+        if not len(system.central) and not system.conserves_size:
             # the momentum of the start then does not matter, but would spoil the scales of a slow
             # orbit: of a body that turns 1000 times an orbit, one start in seven finds a motion
-            turning = known.rate * float(np.sqrt((found.frame**2).sum()))
-            known, q, l = mechanics_of(scene, member, turning)
-            found = find_symmetries(known)
-        return Problem(known, found, q, l, held_momenta(known, found, q[:, None], l[:, None]))
+            turning = mechanics.rate * float(np.sqrt((system.frame**2).sum()))
+            mechanics, q, l = mechanics_of(scene, member, turning)
+            system = find_symmetries(mechanics)
+        return Problem(system, q, l, held_momenta(system, q[:, None], l[:, None]))
 
     def states_of(self, guesses: Sequence[tuple[Array, Array]]) -> States:
         """Return the states of guesses (q, l [kg m^2/s])."""
-        scale = self.known.moment * self.known.rate
-        q = np.array([q for q, _ in guesses]).reshape(-1, 4).T
-        return with_frames(
-            self.known, self.found, q, np.array([l for _, l in guesses]).reshape(-1, 3).T / scale
-        )
+        q, l = (np.array([pair[i] for pair in guesses]).reshape(-1, 4 - i).T for i in (0, 1))
+        return with_frames(self.system, q, l / self.system.mechanics.unit)
 
     def starts(self, count: int) -> States:
         """Return states to search from, that of the member first."""
-        return search_starts(self.known, self.found, self.q, self.l, count)
+        return search_starts(self.system, self.q, self.l, count)
 
     def solved(self, starts: States) -> list[Motion | None]:
         """Return the steady motion found from each state, None where the search fails."""
@@ -121,7 +117,7 @@ class Problem(NamedTuple):
         if not len(good):
             return []
         states, left, is_near = states.at(good), left[good], is_near[good]
-        seen = signatures(self.known, self.found, states)
+        seen = signatures(self.system, states)
         apart = np.abs(seen[:, None] - seen).max(axis=2)
         same = apart < np.where(is_near[:, None] | is_near, 10.0 * NEAR, SAME)
         # of the states that are one motion, take the first that has the held momenta
@@ -130,7 +126,7 @@ class Problem(NamedTuple):
         kept = np.array(list(dict.fromkeys(chosen)), np.intp)
         reached = np.bincount(chosen, minlength=len(left))[kept]
         motions = self._motions(states.at(kept), left[kept])
-        return [one._replace(reached=int(n)) for one, n in zip(motions, reached, strict=True)]
+        return [m._replace(reached=int(n)) for m, n in zip(motions, reached, strict=True)]
 
     def _solve(self, starts: States) -> tuple[States, Array, NDArray[np.bool_]]:
         """Return (states, residuals) of Newton's method from each state, and which of the states
@@ -138,16 +134,16 @@ class Problem(NamedTuple):
         count = starts.q.shape[1]
         if not count:
             return starts, np.zeros(0), np.zeros(0, bool)
-        states, left = solve(self.known, self.found, starts, self.held)
+        states, left = solve(self.system, starts, self.held)
         failed = np.flatnonzero(left > SOLVED)
         is_near = np.zeros(count, bool)
         if not len(self.held) or not len(failed):
             return states, left, is_near
-        free = self.found._replace(central=self.found.central[:0], conserves_size=False)
-        near, near_left = solve(self.known, free, states.at(failed), self.held[:0])
-        apart = held_momenta(self.known, self.found, near.q, near.l) - self.held
+        free = self.system._replace(central=self.system.central[:0], conserves_size=False)
+        near, near_left = solve(free, states.at(failed), self.held[:0])
+        apart = held_momenta(self.system, near.q, near.l) - self.held
         take = (np.abs(apart).max(axis=0) < NEAR) & (near_left < SOLVED)
-        take &= [len(standing(self.found, near.at(i))) > 0 for i in range(len(failed))]
+        take &= [len(standing(self.system, near.at(i))) > 0 for i in range(len(failed))]
         is_near[failed[take]] = True
         left[failed[take]] = near_left[take]
         return states.with_at(failed[take], near.at(take)), left, is_near
@@ -156,20 +152,11 @@ class Problem(NamedTuple):
         """Return the Motions of steady states with their residuals."""
         if not len(left):
             return []
-        states = seen_from_body(self.found, states)
-        seen = signatures(self.known, self.found, states)
-        linear = linearise_motions(self.known, self.found, states)
-        return [
-            Motion(
-                self.known,
-                self.found,
-                states.at(slice(i, i + 1)),
-                float(left[i]),
-                seen[i],
-                linear[i],
-            )
-            for i in range(len(left))
-        ]
+        states = seen_from_body(self.system, states)
+        seen = signatures(self.system, states)
+        linear = linearise_motions(self.system, states)
+        rows = zip(left.tolist(), seen, linear, strict=True)
+        return [Motion(self.system, states.at(slice(i, i + 1)), *row) for i, row in enumerate(rows)]
 
 
 def is_same(a: Motion, b: Motion) -> bool:
@@ -180,7 +167,7 @@ def is_same(a: Motion, b: Motion) -> bool:
 def distinct(motions: Sequence[Motion | None]) -> list[Motion]:
     """Return each motion once, in the order found."""
     kept: list[Motion] = []
-    for one in motions:
-        if one is not None and not any(is_same(one, other) for other in kept):
-            kept.append(one)
+    for motion in motions:
+        if motion is not None and not any(is_same(motion, other) for other in kept):
+            kept.append(motion)
     return kept

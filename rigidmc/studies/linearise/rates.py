@@ -49,6 +49,11 @@ class Mechanics(NamedTuple):
     axes: Array
     names: tuple[str, ...]
 
+    @property
+    def unit(self) -> float:
+        """The unit of momenta [kg m^2/s]."""
+        return self.moment * self.rate
+
 
 class Rates(NamedTuple):
     """Rates of states, and their derivatives by seven numbers: x (3), l (3) and t.
@@ -86,11 +91,11 @@ def mechanics_of(
     wheel = sum(rotors, np.zeros(3)) / (moment * rate)
     axes = start["principal_axes"][:, 0] if "principal_axes" in start else np.eye(4)[0]
     names = tuple(label for label, _ in label_effects(scene.effects))
-    known = Mechanics(body, effects, moment, rate, wheel, axes, names)
-    return known, q, l / (moment * rate)
+    mechanics = Mechanics(body, effects, moment, rate, wheel, axes, names)
+    return mechanics, q, l / mechanics.unit
 
 
-def rates_of(known: Mechanics, q: Array, l: Array, t: Array | float = 0.0) -> Rates:
+def rates_of(mechanics: Mechanics, q: Array, l: Array, t: Array | float = 0.0) -> Rates:
     """Return the Rates of states q (4, n), l (3, n) at times t.
 
     Raises SceneError for an effect whose code accepts no arrays or has no derivative.
@@ -101,42 +106,41 @@ def rates_of(known: Mechanics, q: Array, l: Array, t: Array | float = 0.0) -> Ra
     none = np.zeros((4, 3, count))
     attitude = DualArray(q, np.concatenate([turned, np.zeros((4, 4, count))]))
     slopes = np.concatenate([none[:3], np.eye(3)[:, :, None] + none[:3], none[:1]])
-    scale = known.moment * known.rate
+    scale, period = mechanics.unit, 1.0 / mechanics.rate
     momentum = DualArray(l, slopes) * scale
-    time = DualArray(np.zeros(count) + t, np.eye(7)[6][:, None] + none[:1, 0]) * (1.0 / known.rate)
+    time = DualArray(np.zeros(count) + t, np.eye(7)[6][:, None] + none[:1, 0]) * period
     try:
-        parts = _rates(known, time, tuple(attitude), tuple(momentum))
+        parts = _rates(mechanics, time, tuple(attitude), tuple(momentum))
     except (TypeError, ValueError) as error:
-        raise SceneError(_without_derivative(known), at="effects", table="") from error
+        raise SceneError(_without_derivative(mechanics), at="effects", table="") from error
     value, slope = np.empty((count, 6)), np.zeros((count, 6, 7))
     for i, part in enumerate(parts):
-        unit = known.rate if i < 3 else scale * known.rate
+        unit = mechanics.rate if i < 3 else scale * mechanics.rate
         value[:, i] = (part.value if isinstance(part, DualArray) else part) / unit
         if isinstance(part, DualArray):
             slope[:, i] = part.tangents.T / unit
     return Rates(value, slope)
 
 
-def _rates(known: Mechanics, t: Any, q: Any, l: Any) -> tuple[Any, ...]:
+def _rates(mechanics: Mechanics, t: Any, q: Any, l: Any) -> tuple[Any, ...]:
     """Return (w, f), six numbers or arrays."""
-    body, effects = known.body, known.effects
+    body, effects = mechanics.body, mechanics.effects
     w = add_slip(effects, body, t, 2.0, q, l, angular_velocity(body, l))
     f: tuple[Any, ...] = add(free_rate(body, l), total_torque(effects, body, t, q, l))
     return (*w, *f)
 
 
-def _without_derivative(known: Mechanics) -> str:
+def _without_derivative(mechanics: Mechanics) -> str:
     """Return the rule for effects whose code has no derivative."""
     return (
-        f"the torque of {' or '.join(known.names)} has no derivative in Python: write it with"
+        f"the torque of {' or '.join(mechanics.names)} has no derivative in Python: write it with"
         " arithmetic and the functions of rigidmc.physics.dynamics.so3, such as root and select,"
         " in place of math and branches"
     )
 
 
-def energy_of(known: Mechanics, q: Array, l: Array) -> Array:
+def energy_of(mechanics: Mechanics, q: Array, l: Array) -> Array:
     """Return kinetic plus potential energy of states [J], (n,)."""
-    spin_of, scale = np.array(known.body[:3]), known.moment * known.rate
+    spin_of, scale = np.array(mechanics.body[:3]), mechanics.unit
     kinetic = 0.5 * (spin_of * (scale * l) ** 2).sum(0)
-    energy: Array = kinetic + total_energy(known.effects, known.body, tuple(q))
-    return energy
+    return np.asarray(kinetic + total_energy(mechanics.effects, mechanics.body, tuple(q)))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eig
 from scipy.optimize import minimize_scalar
 
-from rigidmc.studies.linearise.rates import Mechanics, rates_of
+from rigidmc.studies.linearise.rates import rates_of
 from rigidmc.studies.linearise.steady import (
     ALIKE,
     States,
@@ -28,7 +28,7 @@ from rigidmc.studies.linearise.steady import (
     standing,
 )
 from rigidmc.studies.linearise.symmetries import (
-    Symmetries,
+    System,
     cross_matrix,
     momentum_rows,
     null_space,
@@ -66,16 +66,16 @@ class Linearised(NamedTuple):
     full_motion: str
 
 
-def jacobians(known: Mechanics, found: Symmetries, states: States) -> Array:
+def jacobians(system: System, states: States) -> Array:
     """Return J (n, 6, 6) of steady motions."""
-    rates, (turn, m) = rates_of(known, states.q, states.l), frames(found, states)
+    rates, (turn, m) = rates_of(system.mechanics, states.q, states.l), frames(system, states)
     matrices = rates.slope[:, :, :6].copy()
     matrices[:, :3, :3] -= cross_matrix(turn)
     matrices[:, 3:, 3:] += cross_matrix(m)
     return matrices
 
 
-def linearise_motions(known: Mechanics, found: Symmetries, states: States) -> list[Linearised]:
+def linearise_motions(system: System, states: States) -> list[Linearised]:
     """Return the Linearised motion about each steady motion.
 
     J is also taken four Newton steps before and behind each state, since Newton's method halves the
@@ -84,23 +84,21 @@ def linearise_motions(known: Mechanics, found: Symmetries, states: States) -> li
     count = states.q.shape[1]
     if not count:
         return []
-    step = 4.0 * newton_steps(known, found, states)
+    step = 4.0 * newton_steps(system, states)
     near = [moved(states, step), states, moved(states, -step)]
     rows = States(*(np.concatenate(parts, axis=1) for parts in zip(*near, strict=True)))
-    below, j, above = jacobians(known, found, rows).reshape(3, count, 6, 6)
+    below, j, above = jacobians(system, rows).reshape(3, count, 6, 6)
     blur = np.maximum(np.abs(below - j), np.abs(above - j)).max(axis=(1, 2))
-    return [_linearise(known, found, states.at(i), j[i], float(blur[i])) for i in range(count)]
+    return [_linearise(system, states.at(i), j[i], float(blur[i])) for i in range(count)]
 
 
-def _linearise(
-    known: Mechanics, found: Symmetries, state: States, j: Array, blur: float
-) -> Linearised:
+def _linearise(system: System, state: States, j: Array, blur: float) -> Linearised:
     """Return the Linearised motion with the matrix J, which has an error."""
     q, l = state.q, state.l
-    turned = orbit_rows(q, l, found.generators)
-    rows = momentum_rows(known, q, l, found.conserved)
-    if found.conserves_size:
-        rows = np.concatenate([rows, [np.r_[np.zeros(3), l + known.wheel]]])
+    turned = orbit_rows(q, l, system.generators)
+    rows = momentum_rows(system.mechanics, q, l, system.conserved)
+    if system.conserves_size:
+        rows = np.concatenate([rows, [np.r_[np.zeros(3), l + system.mechanics.wheel]]])
     along = _span(turned)
     held = _span(null_space((rows @ along.T).T, ALIKE) @ rows if len(along) else rows)
     rest = null_space(np.concatenate([along, held, np.zeros((1, 6))]), 0.5)
@@ -109,25 +107,25 @@ def _linearise(
     size = max(1.0, float(np.abs(j).max()))
     values, vectors, errors = list[complex](), list[Complex](), list[float]()
     for k in (1, 2, 0):
-        found_values, left, right = eig(blocks[k][k], left=True) if len(parts[k]) else _NOTHING
-        order = np.lexsort((-found_values.imag, -np.round(found_values.real, 9)))
+        block_values, left, right = eig(blocks[k][k], left=True) if len(parts[k]) else _NOTHING
+        order = np.lexsort((-block_values.imag, -np.round(block_values.real, 9)))
         for i in order:
             cosine = abs(np.vdot(left[:, i], right[:, i]))
             # a cosine is a pure number
             rounding = min(DOUBLE, 1e3 * np.finfo(float).eps / max(cosine, 1e-300))
             errors.append(size * rounding + blur)
-            values.append(complex(found_values[i]))
-            vectors.append(_whole(found_values[i], right[:, i], k, parts, blocks))
+            values.append(complex(block_values[i]))
+            vectors.append(_whole(block_values[i], right[:, i], k, parts, blocks))
     origins = (MOTION,) * len(rest) + (MOMENTUM,) * len(held) + (SYMMETRY,) * len(along)
-    known_errors, count = np.array(errors), len(rest)
-    word = stability_of(np.array(values[:count]), known_errors[:count], found.is_hamiltonian)
+    all_errors, count = np.array(errors), len(rest)
+    word = stability_of(np.array(values[:count]), all_errors[:count], system.is_hamiltonian)
     verdict = FULL_MOTION.get(word, "unknown")
-    if word in ("elliptic", "undecided") and found.is_hamiltonian:
-        verdict = "stable" if has_energy_extreme(known, found, state, j) else verdict
-    return Linearised(np.array(values), np.array(vectors).T, origins, known_errors, word, verdict)
+    if word in ("elliptic", "undecided") and system.is_hamiltonian:
+        verdict = "stable" if has_energy_extreme(system, state, j) else verdict
+    return Linearised(np.array(values), np.array(vectors).T, origins, all_errors, word, verdict)
 
 
-def has_energy_extreme(known: Mechanics, found: Symmetries, state: States, j: Array) -> bool:
+def has_energy_extreme(system: System, state: States, j: Array) -> bool:
     """Return whether the energy in the turning frame has a strict extreme at a steady motion, among
     the states with its momenta: then small changes stay small for ever, not only linearly.
 
@@ -136,23 +134,23 @@ def has_energy_extreme(known: Mechanics, found: Symmetries, state: States, j: Ar
     enough. Source: Marsden, Lectures on Mechanics (1992), 5 (the energy-momentum method).
     """
     q, l = state.q, state.l
-    rows = momentum_rows(known, q, l, found.conserved)
+    rows = momentum_rows(system.mechanics, q, l, system.conserved)
     level = null_space(np.concatenate([rows, np.zeros((1, 6))]), ALIKE)
-    turned = orbit_rows(q, l, found.generators)
+    turned = orbit_rows(q, l, system.generators)
     inside = null_space((turned @ rows.T).T, ALIKE) @ turned if len(turned) else turned
     across = null_space(
         _span(inside) @ level.T if len(inside) else np.zeros((1, len(level))), ALIKE
     )
-    basis, whole = across @ level, cross_matrix(l + known.wheel)
+    basis, whole = across @ level, cross_matrix(l + system.mechanics.wheel)
 
     def form(matrix: Array) -> Array:
         second = np.concatenate([whole @ matrix[:3] - matrix[3:], matrix[:3]])
         return np.asarray(basis @ second @ basis.T)
 
-    still = standing(found, state)
+    still = standing(system, state)
     first, tilt = form(j), np.zeros((len(basis), len(basis)))
     if len(still) == 1:
-        n, m = (still @ found.generators)[0, :3], (still @ found.generators)[0, 3:]
+        n, m = (still @ system.generators)[0, :3], (still @ system.generators)[0, 3:]
         other = np.zeros((6, 6))
         other[:3, :3] = -cross_matrix(space_to_body(q[:, None])[0] @ n)
         other[3:, 3:] = cross_matrix(m)
@@ -170,8 +168,8 @@ def _largest_least(first: Array, tilt: Array) -> float:
     if size < ALIKE:  # the frame has no choice
         return least(0.0)
     reach = 10.0 * float(np.abs(first).max()) / size
-    found = minimize_scalar(lambda s: -least(s), bounds=(-reach, reach), method="bounded")
-    return -float(found.fun)
+    best = minimize_scalar(lambda s: -least(s), bounds=(-reach, reach), method="bounded")
+    return -float(best.fun)
 
 
 _NOTHING = np.zeros(0, complex), np.zeros((0, 0)), np.zeros((0, 0))

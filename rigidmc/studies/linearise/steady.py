@@ -23,9 +23,9 @@ from rigidmc.mechanics.rotation import from_rotation_vector, quaternion_from_mat
 from rigidmc.physics.dynamics.so3 import multiply
 from rigidmc.scene.sampling import points
 from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
-from rigidmc.studies.linearise.rates import Mechanics, rates_of
+from rigidmc.studies.linearise.rates import rates_of
 from rigidmc.studies.linearise.symmetries import (
-    Symmetries,
+    System,
     cross_matrix,
     null_space,
     orbit_rows,
@@ -64,31 +64,29 @@ class States(NamedTuple):
         return States(q, l, c)
 
 
-def frames(found: Symmetries, states: States) -> tuple[Array, Array]:
+def frames(system: System, states: States) -> tuple[Array, Array]:
     """Return (A^T n, m), (n, 3) each: the turning in space and in the body, in body axes."""
-    moving = found.frame + states.c.T @ found.generators
+    moving = system.frame + states.c.T @ system.generators
     return np.einsum("nij,nj->ni", space_to_body(states.q), moving[:, :3]), moving[:, 3:]
 
 
-def held_momenta(known: Mechanics, found: Symmetries, q: Array, l: Array) -> Array:
+def held_momenta(system: System, q: Array, l: Array) -> Array:
     """Return the momenta (h, n) of states that a search holds: of each central generator, and half
     the square of the whole, if this is constant."""
-    whole = l.T + known.wheel
-    up = found.central[:, :3] @ space_to_body(q).swapaxes(1, 2)
-    momenta = ((up + found.central[:, 3:]) * whole[:, None]).sum(2)
-    if found.conserves_size:
+    whole = l.T + system.mechanics.wheel
+    up = system.central[:, :3] @ space_to_body(q).swapaxes(1, 2)
+    momenta = ((up + system.central[:, 3:]) * whole[:, None]).sum(2)
+    if system.conserves_size:
         momenta = np.concatenate([momenta, 0.5 * (whole**2).sum(1, keepdims=True)], axis=1)
     return np.asarray(momenta.T)
 
 
-def residual(
-    known: Mechanics, found: Symmetries, states: States, held: Array
-) -> tuple[Array, Array]:
+def residual(system: System, states: States, held: Array) -> tuple[Array, Array]:
     """Return (residuals (n, r), their derivatives (n, r, 6 + k) by x, l and c)."""
     q, l, _ = states
-    rates, (turn, m) = rates_of(known, q, l), frames(found, states)
-    into, k = space_to_body(q), len(found.generators)
-    up = found.generators[:, :3] @ into.swapaxes(1, 2)
+    rates, (turn, m) = rates_of(system.mechanics, q, l), frames(system, states)
+    into, k = space_to_body(q), len(system.generators)
+    up = system.generators[:, :3] @ into.swapaxes(1, 2)
     value = rates.value.copy()
     value[:, :3] -= turn + m
     value[:, 3:] -= np.cross(l.T, m)
@@ -96,16 +94,16 @@ def residual(
     slope[:, :, :6] = rates.slope[:, :, :6]
     slope[:, :3, :3] -= cross_matrix(turn)  # a vector fixed in space changes by u x x in the body
     slope[:, 3:, 3:6] += cross_matrix(m)
-    slope[:, :3, 6:] = -(up + found.generators[:, 3:]).swapaxes(1, 2)
-    slope[:, 3:, 6:] = -np.cross(l.T[:, None], found.generators[:, 3:]).swapaxes(1, 2)
-    whole, central = l.T + known.wheel, found.central
+    slope[:, :3, 6:] = -(up + system.generators[:, 3:]).swapaxes(1, 2)
+    slope[:, 3:, 6:] = -np.cross(l.T[:, None], system.generators[:, 3:]).swapaxes(1, 2)
+    whole, central = l.T + system.mechanics.wheel, system.central
     up = central[:, :3] @ into.swapaxes(1, 2)
     rows = np.zeros((q.shape[1], len(held), 6 + k))
     rows[:, : len(central), :3] = np.cross(whole[:, None], up)
     rows[:, : len(central), 3:6] = up + central[:, 3:]
-    if found.conserves_size:
+    if system.conserves_size:
         rows[:, -1, 3:6] = whole
-    off = (held_momenta(known, found, q, l) - held).T
+    off = (held_momenta(system, q, l) - held).T
     return np.concatenate([value, off], axis=1), np.concatenate([slope, rows], axis=1)
 
 
@@ -116,19 +114,19 @@ def moved(states: States, step: Array) -> States:
     return States(q, states.l + step[:, 3:6].T, states.c + step[:, 6:].T)
 
 
-def solve(known: Mechanics, found: Symmetries, states: States, held: Array) -> tuple[States, Array]:
+def solve(system: System, states: States, held: Array) -> tuple[States, Array]:
     """Return (states after Newton's method, their largest residuals (n,) in scaled units).
 
     held : (h, 1) the momenta, see `held_momenta`
     """
-    value, slope = residual(known, found, states, held)
+    value, slope = residual(system, states, held)
     size, damping = (value**2).sum(1), np.ones(len(value))
     for _ in range(MOST):
         open_ = np.flatnonzero(size > SMALLEST)
         if not len(open_):
             break
         tried = moved(states.at(open_), _step(value[open_], slope[open_], damping[open_]))
-        next_value, next_slope = residual(known, found, tried, held)
+        next_value, next_slope = residual(system, tried, held)
         next_size = (next_value**2).sum(1)
         better = next_size < size[open_]
         damping[open_] = np.clip(damping[open_] * np.where(better, 0.2, 8.0), 1e-12, 1e12)
@@ -139,10 +137,10 @@ def solve(known: Mechanics, found: Symmetries, states: States, held: Array) -> t
     return states, np.abs(value).max(axis=1)
 
 
-def newton_steps(known: Mechanics, found: Symmetries, states: States) -> Array:
+def newton_steps(system: System, states: States) -> Array:
     """Return the next steps (n, 6 + k) from steady motions, at their own momenta: their errors."""
-    held = held_momenta(known, found, states.q, states.l)
-    value, slope = residual(known, found, states, held)
+    held = held_momenta(system, states.q, states.l)
+    value, slope = residual(system, states, held)
     return _step(value, slope, np.zeros(len(value)))
 
 
@@ -159,41 +157,41 @@ def _step(value: Array, slope: Array, damping: Array) -> Array:
     return np.asarray(step * np.minimum(1.0, LONGEST / np.maximum(angle, 1e-300))[:, None])
 
 
-def with_frames(known: Mechanics, found: Symmetries, q: Array, l: Array) -> States:
+def with_frames(system: System, q: Array, l: Array) -> States:
     """Return states with the c whose turning is nearest to their angular velocity."""
-    w = rates_of(known, q, l).value[:, :3]
-    states = States(q, l, np.zeros((len(found.generators), q.shape[1])))
-    turn, m = frames(found, states)
-    up = found.generators[:, :3] @ space_to_body(q).swapaxes(1, 2) + found.generators[:, 3:]
+    w = rates_of(system.mechanics, q, l).value[:, :3]
+    states = States(q, l, np.zeros((len(system.generators), q.shape[1])))
+    turn, m = frames(system, states)
+    up = system.generators[:, :3] @ space_to_body(q).swapaxes(1, 2) + system.generators[:, 3:]
     c = np.einsum("nki,ni->nk", np.linalg.pinv(up.swapaxes(1, 2)), w - turn - m)
     return states._replace(c=c.T)
 
 
-def standing(found: Symmetries, state: States) -> Array:
+def standing(system: System, state: States) -> Array:
     """Return the combinations (s, k) of generators that leave a single state as it is."""
-    rows = orbit_rows(state.q, state.l, found.generators)
+    rows = orbit_rows(state.q, state.l, system.generators)
     return null_space(rows.T, ALIKE)
 
 
-def seen_from_body(found: Symmetries, states: States) -> States:
+def seen_from_body(system: System, states: States) -> States:
     """Return states with the c whose turning in the body is least.
 
     They have a choice where a turn in space and one in the body do the same, as for an upright top.
     """
-    turned, bodily = states.c.copy(), found.generators[:, 3:]
+    turned, bodily = states.c.copy(), system.generators[:, 3:]
     for i in range(states.q.shape[1]):
-        same = standing(found, states.at(i))
-        m = found.frame[3:] + bodily.T @ turned[:, i]
+        same = standing(system, states.at(i))
+        m = system.frame[3:] + bodily.T @ turned[:, i]
         turned[:, i] -= np.linalg.pinv(same @ bodily, rcond=ALIKE).T @ m @ same
     return states._replace(c=turned)
 
 
-def signatures(known: Mechanics, found: Symmetries, states: States) -> Array:
+def signatures(system: System, states: States) -> Array:
     """Return numbers (n, s) that are equal for states that symmetries carry into each other, and
     differ for others: components in the body of l and of the directions that are fixed in space."""
-    spatial, bodily = (subalgebra(found.generators, part) for part in (slice(3, 6), slice(0, 3)))
+    spatial, bodily = (subalgebra(system.generators, part) for part in (slice(3, 6), slice(0, 3)))
     into = space_to_body(states.q)
-    vectors = [states.l.T + known.wheel]
+    vectors = [states.l.T + system.mechanics.wheel]
     if len(spatial) == 1:
         vectors.append(into @ spatial[0, :3])
     elif not len(spatial):
@@ -207,7 +205,7 @@ def signatures(known: Mechanics, found: Symmetries, states: States) -> Array:
     return np.concatenate([seen @ bodily[0, 3:], products], axis=1)
 
 
-def search_starts(known: Mechanics, found: Symmetries, q: Array, l: Array, count: int) -> States:
+def search_starts(system: System, q: Array, l: Array, count: int) -> States:
     """Return `count` states to search from, or as many as the first two kinds are.
 
     The start (q, l) is first. Then come 24 attitudes, with the principal axes both ways along the
@@ -216,21 +214,21 @@ def search_starts(known: Mechanics, found: Symmetries, q: Array, l: Array, count
     start does, at the rates that give them its momenta. Of one state asked for, only the start is
     returned.
     """
-    own = with_frames(known, found, q[:, None], l[:, None])
+    own = with_frames(system, q[:, None], l[:, None])
     if count == 1:
         return own
-    axis = (found.frame + own.c[:, 0] @ found.generators)[:3]
-    whole = space_to_body(own.q)[0].T @ (l + known.wheel)
-    others = aligned_attitudes(whole if found.conserves_size else axis)
+    axis = (system.frame + own.c[:, 0] @ system.generators)[:3]
+    whole = space_to_body(own.q)[0].T @ (l + system.mechanics.wheel)
+    others = aligned_attitudes(whole if system.conserves_size else axis)
     numbers = points(0, "sobol", tuple((STREAM, 0, i) for i in range(3)))
     u, v, w, _ = numbers.words(STREAM, 0, max(0, count - 1 - others.shape[1]), 0, range(3))
     others = np.concatenate([others, uniform_attitudes(u, v, w)], axis=1)
-    if found.conserves_size:
-        momenta = (space_to_body(others) @ whole).T - known.wheel[:, None]
+    if system.conserves_size:
+        momenta = (space_to_body(others) @ whole).T - system.mechanics.wheel[:, None]
     else:
-        momenta = _turning_momenta(known, found, own, others)
+        momenta = _turning_momenta(system, own, others)
     both = np.concatenate([q[:, None], others], 1), np.concatenate([l[:, None], momenta], 1)
-    return with_frames(known, found, *both)
+    return with_frames(system, *both)
 
 
 def aligned_attitudes(axis: Array) -> Array:
@@ -252,16 +250,16 @@ def aligned_attitudes(axis: Array) -> Array:
     return np.array(multiply(tuple(np.asarray(base)[:, None]), tuple(np.asarray(turns).T)))
 
 
-def _turning_momenta(known: Mechanics, found: Symmetries, own: States, q: Array) -> Array:
+def _turning_momenta(system: System, own: States, q: Array) -> Array:
     """Return the momenta (3, n) of bodies at attitudes q that turn as one state does, with the
     central momenta of that state."""
     turning = States(q, np.zeros((3, q.shape[1])), np.repeat(own.c, q.shape[1], axis=1))
-    turn, m = frames(found, turning)
-    moments = 1.0 / (known.moment * np.array(known.body[:3])[:, 0])
-    w, central = turn + m, found.central
+    turn, m = frames(system, turning)
+    moments = 1.0 / (system.mechanics.moment * np.array(system.mechanics.body[:3])[:, 0])
+    w, central = turn + m, system.central
     ways = central[:, :3] @ space_to_body(q).swapaxes(1, 2) + central[:, 3:]
-    off = held_momenta(known, found, own.q, own.l).T
-    off = off - ((moments * w + known.wheel)[:, None] * ways).sum(2)
+    off = held_momenta(system, own.q, own.l).T
+    off = off - ((moments * w + system.mechanics.wheel)[:, None] * ways).sum(2)
     inertia = (moments * ways) @ ways.swapaxes(1, 2)
     w = w + np.einsum("nd,ndi->ni", np.einsum("nij,nj->ni", np.linalg.pinv(inertia), off), ways)
     return np.asarray((moments * w).T)

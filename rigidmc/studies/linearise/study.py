@@ -9,25 +9,14 @@ rotation vector and a momentum in body axes, is exact: derivatives of the formul
     dy/dt = J y,   J v = (growth + i frequency) v
 
 Eigenvalues that belong to symmetries and conserved momenta have another `origin`, and do not
-count for `stability`. For a body that is symmetric about an axis, J is seen from axes that turn
+count for `stability`. With `along`, the motions are listed over branch and value, and there are
+bifurcations. For a body that is symmetric about an axis, J is seen from axes that turn
 with the precession but not with the spin. Source: Marsden & Ratiu, Introduction to Mechanics and
 Symmetry (1999), 11; Hughes, Spacecraft Attitude Dynamics (1986), 4 and 9.
 
 {parameters}
 
-Returns
--------
-xarray.Dataset
-    over motion, or over branch and value with `along`: `attitude`, `omega`, `momentum`, `turning`
-    (of the frame, in space), `spin` (of the state in the body), `energy`, `residual`, `reached`
-    (starts that end here), `stability` of the linear motion (saddle, unstable spiral, stable
-    spiral, stable node, elliptic, undecided, neutral), `full_motion` (stable, unstable, unknown),
-    `growth_rate` [1/s] of the fastest change; over eigenvalue too: `growth`, `frequency`, `period`,
-    `origin` (motion, momentum, symmetry), and its `eigenvector_real` and `eigenvector_imag`. With
-    `along` also over bifurcation: `bifurcation_value`, `bifurcation_kind` (pitchfork,
-    transcritical, fold, Hopf, Hamiltonian Hopf, zero eigenvalue, end), `bifurcation_branch`,
-    `bifurcation_meets` (which branches), `bifurcation_frequency` of the eigenvalue that crosses, 0
-    if it passes 0, and `growing`, the numbers of growing changes below and above
+{returns}
 
 Raises
 ------
@@ -42,12 +31,12 @@ Examples
 Rotation about the middle axis grows with omega sqrt((I2 - I1)(I3 - I2)/(I1 I3)):
 
 >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=rm.Start(omega=(0.0, 3.0, 0.0)))
->>> found = rm.linearise(scene, starts=1)
->>> str(found.stability[0].item()), round(float(found.growth_rate[0]), 6)
+>>> study = rm.linearise(scene, starts=1)
+>>> str(study.stability[0].item()), round(float(study.growth_rate[0]), 6)
 ('saddle', 1.341641)
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -65,6 +54,7 @@ from rigidmc.studies.framework.members import refuse_noise
 from rigidmc.studies.framework.options import Example, Options, option
 from rigidmc.studies.framework.sides import SIDE, Side, whole_side
 from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 from rigidmc.studies.framework.work import Direct
 from rigidmc.studies.linearise.branches import Bifurcation, follow
 from rigidmc.studies.linearise.motions import Motion, Problem
@@ -72,34 +62,60 @@ from rigidmc.studies.linearise.stability import MOTION
 from rigidmc.studies.linearise.steady import frames
 
 Array = NDArray[np.float64]
-# {variable: (long name, CF units, dimensions of its own)}
-NUMBERS: dict[str, tuple[str, str, tuple[str, ...]]] = {
-    "attitude": ("attitude at t = 0", "1", ("quat",)),
-    "omega": ("angular velocity", "rad s-1", ("axis",)),
-    "momentum": ("angular momentum", "kg m2 s-1", ("axis",)),
-    "turning": ("angular velocity of the frame, in space", "rad s-1", ("space_axis",)),
-    "spin": ("angular velocity of the state in the body", "rad s-1", ("axis",)),
-    "energy": ("kinetic plus potential energy", "J", ()),
-    "residual": ("largest residual of the equations, in scaled units", "1", ()),
-    "reached": ("starts of the search that end here", "1", ()),
-    "growth_rate": ("growth rate of the fastest change", "s-1", ()),
-    "growth": ("growth rate", "s-1", ("eigenvalue",)),
-    "frequency": ("angular frequency", "rad s-1", ("eigenvalue",)),
-    "period": ("period", "s", ("eigenvalue",)),
-    "eigenvector_real": ("eigenvector, real part", "1", ("eigenvalue", "change")),
-    "eigenvector_imag": ("eigenvector, imaginary part", "1", ("eigenvalue", "change")),
-}
-WORDS = {
-    "stability": ("linear motion", ()),
-    "full_motion": ("full motion", ()),
-    "origin": ("origin of the eigenvalue", ("eigenvalue",)),
-}
+MOTIONS = (
+    StudyVariable("attitude", "motion quat", "1", "attitude at t = 0"),
+    StudyVariable("omega", "motion axis", "rad s-1", "angular velocity"),
+    StudyVariable("momentum", "motion axis", "kg m2 s-1", "angular momentum"),
+    StudyVariable(
+        "turning", "motion space_axis", "rad s-1", "angular velocity of the frame, in space"
+    ),
+    StudyVariable(
+        "spin", "motion axis", "rad s-1", "angular velocity of the state in the body"
+    ),
+    StudyVariable("energy", "motion", "J", "kinetic plus potential energy"),
+    StudyVariable(
+        "residual", "motion", "1", "largest residual of the equations, in scaled units"
+    ),
+    StudyVariable("reached", "motion", "1", "starts of the search that end here"),
+    StudyVariable("growth_rate", "motion", "s-1", "growth rate of the fastest change"),
+    StudyVariable("growth", "motion eigenvalue", "s-1", "growth rate"),
+    StudyVariable("frequency", "motion eigenvalue", "rad s-1", "angular frequency"),
+    StudyVariable("period", "motion eigenvalue", "s", "period"),
+    StudyVariable("eigenvector_real", "motion eigenvalue change", "1", "eigenvector, real part"),
+    StudyVariable(
+        "eigenvector_imag", "motion eigenvalue change", "1", "eigenvector, imaginary part"
+    ),
+    StudyVariable(
+        "stability", "motion", "", "linear motion",
+        "saddle, unstable spiral, stable spiral, stable node, elliptic, undecided, neutral",
+    ),
+    StudyVariable("full_motion", "motion", "", "full motion", "stable, unstable, unknown"),
+    StudyVariable(
+        "origin", "motion eigenvalue", "", "origin of the eigenvalue", "motion, momentum, symmetry"
+    ),
+)  # fmt: skip
+BIFURCATIONS = (
+    StudyVariable("bifurcation_value", "bifurcation", str, "value of the parameter"),
+    StudyVariable(
+        "bifurcation_kind", "bifurcation", "", "kind of the bifurcation",
+        "pitchfork, transcritical, fold, Hopf, Hamiltonian Hopf, zero eigenvalue, end",
+    ),
+    StudyVariable(
+        "bifurcation_branch", "bifurcation", "", "branch that goes through, or first that ends"
+    ),
+    StudyVariable("bifurcation_meets", "bifurcation branch", "", "which branches meet"),
+    StudyVariable(
+        "bifurcation_frequency", "bifurcation", "rad s-1", "angular frequency of the eigenvalue",
+        "which crosses; 0 if it passes 0",
+    ),
+    StudyVariable("growing", "bifurcation side", "", "growing changes below and above"),
+)  # fmt: skip
 CHANGES = [f"{kind}.{i}" for kind in ("rotation", "momentum") for i in (1, 2, 3)]
-LABELS: dict[str, Sequence[Any]] = {
-    "quat": DIMENSIONS["quat"].labels,
-    "axis": DIMENSIONS["axis"].labels,
-    "space_axis": ("x", "y", "z"),
-    "eigenvalue": range(1, 7),
+LABELS: dict[str, list[Any]] = {
+    "quat": list(DIMENSIONS["quat"].labels),
+    "axis": list(DIMENSIONS["axis"].labels),
+    "space_axis": ["x", "y", "z"],
+    "eigenvalue": list(range(1, 7)),
     "change": CHANGES,
 }
 
@@ -140,7 +156,8 @@ def linearise_scene(
             " start near the motion"
         )
         raise SceneError(rule, at="start", table="")
-    return _dataset(scene, {"motion": range(len(motions))}, motions)
+    values = _of_motions(motions, (len(motions),))
+    return make_dataset(MOTIONS, values, {"motion": range(len(motions)), **LABELS}, {})
 
 
 def _along(
@@ -148,26 +165,26 @@ def _along(
 ) -> xr.Dataset:
     """Return the Dataset of motions along a parameter."""
     name, low, high, log = whole_side("along", side, scene)
-    values = _values(name, low, high, log, options.points)
+    grid = _values(name, low, high, log, options.points)
 
     def problem_at(value: float) -> Problem:
         return Problem.of(with_parameter(scene, name, value, "along"), scene.run.first)
 
-    def told(done: int) -> None:
-        if done % 16 == 0 or done == len(values):
-            tell(f"{name}: {done} of {len(values)} values")
+    def count(done: int) -> None:
+        if done % 16 == 0 or done == len(grid):
+            tell(f"{name}: {done} of {len(grid)} values")
 
-    values, branches, found = follow(problem_at, values, options.starts, told)
+    grid, branches, bifurcations = follow(problem_at, grid, options.starts, count)
     if not branches:
         rule = f"no steady motion has the momenta of the start, at any value of {name}"
         raise SceneError(rule, at="start", table="")
-    flat = [motion for branch in branches for motion in branch.motions]
-    sizes: dict[str, Any] = {"branch": range(len(branches)), "value": values}
-    dataset = _dataset(scene, sizes, flat)
-    units = unit_at(scene.model, name)
-    dataset["value"] = dataset.value.assign_attrs(long_name=name, units=units)
-    variables = _bifurcations(found, units, len(branches))
-    return dataset.assign(variables).assign_attrs(along=name)
+    size, units = len(branches), unit_at(scene.model, name)
+    values = _of_motions([motion for branch in branches for motion in branch], (size, len(grid)))
+    values |= _of_bifurcations(bifurcations, size)
+    about = {"long_name": name, "units": units}
+    coordinates = {"branch": range(size), "value": ("value", grid, about), **LABELS}
+    motions = (one._replace(dims=one.dims.replace("motion", "branch value")) for one in MOTIONS)
+    return make_dataset((*motions, *BIFURCATIONS), values, coordinates, {"along": name}, units)
 
 
 def _values(name: str, low: float, high: float, log: bool, points: int) -> Array:
@@ -178,45 +195,33 @@ def _values(name: str, low: float, high: float, log: bool, points: int) -> Array
     return np.geomspace(low, high, points) if log else np.linspace(low, high, points)
 
 
-def _dataset(
-    scene: Scene, sizes: Mapping[str, Any], motions: Sequence[Motion | None]
-) -> xr.Dataset:
-    """Return the Dataset of motions, listed over the product of the sizes; None are nan and ""."""
-    shape = tuple(len(labels) for labels in sizes.values())
-    each = [{} if motion is None else _numbers(motion) for motion in motions]
-    variables: dict[str, Any] = {}
-    for name, (words, units, dims) in NUMBERS.items():
-        own = tuple(len(LABELS[dim]) for dim in dims)
-        rows = [one.get(name, np.full(own, np.nan)) for one in each]
-        about = {"long_name": words, "units": units}
-        variables[name] = ((*sizes, *dims), np.array(rows, float).reshape(shape + own), about)
-    for name, (words, dims) in WORDS.items():
-        own = tuple(len(LABELS[dim]) for dim in dims)
-        texts = [one.get(name, np.full(own, "")) for one in each]
-        about = {"long_name": words}
-        variables[name] = ((*sizes, *dims), np.array(texts, str).reshape(shape + own), about)
-    coordinates = {**sizes, **LABELS}
-    known = {key: (key, list(values)) for key, values in coordinates.items()}
-    attrs = {"title": scene.title, "scene": scene.dumps()}
-    return xr.Dataset(variables, known, attrs)
+def _of_motions(motions: Sequence[Motion | None], shape: tuple[int, ...]) -> dict[str, Any]:
+    """Return the values of MOTIONS over `shape`; None is nan and ""."""
+    numbers = [{} if motion is None else _numbers(motion) for motion in motions]
+    values = {}
+    for name, dims, units, *_ in MOTIONS:
+        size = tuple(len(LABELS[dim]) for dim in dims.split()[1:])
+        kind, none = (float, np.nan) if units else (str, "")
+        rows = [of_motion.get(name, np.full(size, none)) for of_motion in numbers]
+        values[name] = np.array(rows, kind).reshape(shape + size)
+    return values
 
 
 def _numbers(motion: Motion) -> dict[str, Any]:
     """Return the variables of one motion, in SI units and in the axes of the scene."""
-    known, linear, state = motion.known, motion.linear, motion.state
-    rate, unit = known.rate, known.moment * known.rate
-    turn, m = frames(motion.found, state)
-    moving = motion.found.frame + state.c[:, 0] @ motion.found.generators
-    back = conjugate(tuple(known.axes))
+    system, linear, state = motion.system, motion.linear, motion.state
+    rate, unit = system.mechanics.rate, system.mechanics.unit
+    turn, m = frames(system, state)
+    moving = system.frame + state.c[:, 0] @ system.generators
+    back = conjugate(tuple(system.mechanics.axes))
 
     def described(vector: Any) -> Array:
         return np.array(into_body(back, tuple(vector)))
 
-    values = rate * linear.values
-    small = rate * linear.errors
+    values, small = rate * linear.values, rate * linear.errors
     growth = np.where(np.abs(values.real) > small, values.real, 0.0)
     frequency = np.where(np.abs(values.imag) > small, values.imag, 0.0)
-    own = np.array([origin == MOTION for origin in linear.origins])
+    is_motion = np.array([origin == MOTION for origin in linear.origins])
     vectors = np.array(
         [np.r_[described(vector[:3]), unit * described(vector[3:])] for vector in linear.vectors.T]
     )
@@ -230,7 +235,7 @@ def _numbers(motion: Motion) -> dict[str, Any]:
         "spin": rate * described(moving[3:]),
         "energy": motion.energy,
         "residual": motion.residual,
-        "growth_rate": growth[own].max(initial=-np.inf) if own.any() else np.nan,
+        "growth_rate": growth[is_motion].max(initial=-np.inf) if is_motion.any() else np.nan,
         "growth": growth,
         "frequency": frequency,
         "period": period,
@@ -243,24 +248,18 @@ def _numbers(motion: Motion) -> dict[str, Any]:
     }
 
 
-def _bifurcations(found: Sequence[Bifurcation], units: str, branches: int) -> dict[str, Any]:
-    """Return the variables over bifurcation."""
-    about = {"long_name": "value of the parameter", "units": units}
-    crossing = {"long_name": "angular frequency of the eigenvalue", "units": "rad s-1"}
-    growing = np.array([one.growing for one in found], np.int64).reshape(-1, 2)
-    meets = [[i == b.branch or i in b.others for i in range(branches)] for b in found]
+def _of_bifurcations(found: Sequence[Bifurcation], branches: int) -> dict[str, Any]:
+    """Return the values of BIFURCATIONS."""
+    events = [b.event for b in found]
+    meets = [[i == b.event.branch or i in b.others for i in range(branches)] for b in found]
     return {
-        "bifurcation_value": ("bifurcation", np.array([b.value for b in found]), about),
-        "bifurcation_kind": ("bifurcation", np.array([b.kind for b in found], str)),
-        "bifurcation_branch": ("bifurcation", np.array([b.branch for b in found], np.int64)),
-        "bifurcation_meets": (
-            ("bifurcation", "branch"), np.array(meets, bool).reshape(-1, branches),
-        ),
-        "bifurcation_frequency": (
-            "bifurcation", np.array([b.frequency for b in found]), crossing,
-        ),
-        "growing": (("bifurcation", "side"), growing),
-    }  # fmt: skip
+        "bifurcation_value": np.array([event.value for event in events]),
+        "bifurcation_kind": np.array([b.kind for b in found], str),
+        "bifurcation_branch": np.array([event.branch for event in events], np.int64),
+        "bifurcation_meets": np.array(meets, bool).reshape(-1, branches),
+        "bifurcation_frequency": np.array([event.frequency for event in events]),
+        "growing": np.array([event.growing for event in events], np.int64).reshape(-1, 2),
+    }
 
 
 def table(study: xr.Dataset) -> list[str]:
@@ -276,23 +275,19 @@ def _table_of_motions(study: xr.Dataset) -> list[str]:
         f"  {'linear motion':17s}{'full motion':13s}{spin}{heads[0]:>14s}{heads[1]:>20s}  periods",
     ]
     for k in range(study.sizes["motion"]):
-        one = study.isel(motion=k)
-        w, rate = one.omega.values, float(one.growth_rate)
+        motion = study.isel(motion=k)
+        w, rate = motion.omega.values, float(motion.growth_rate)
         w = np.where(np.abs(w) < 1e-12 * np.abs(w).max(), 0.0, w)  # rounding
         growth = "" if np.isnan(rate) else f"{rate:.6g}"
-        numbers = "".join(f"{x:17.6g}" for x in w) + f"{float(one.energy):14.6g}{growth:>20s}"
-        words = f"{one.stability.item():17s}{one.full_motion.item():13s}"
-        lines.append(f"  {words}{numbers}  {_periods(one)}")
+        numbers = "".join(f"{x:17.6g}" for x in w) + f"{float(motion.energy):14.6g}{growth:>20s}"
+        words = f"{motion.stability.item():17s}{motion.full_motion.item():13s}"
+        # without the changes by symmetries
+        changes = (motion.origin.values == MOTION) & (motion.frequency.values > 0.0)
+        periods = [value_text(x, motion.period) for x in motion.period.values[changes]]
+        lines.append(f"  {words}{numbers}  {', '.join(periods) or 'none'}")
     if (study.reached == 1).any() and study.sizes["motion"] > 1:
         lines.append("  some motions were found from one start only: more --starts may find others")
     return lines
-
-
-def _periods(one: xr.Dataset) -> str:
-    """Return the periods of the changes, without those by symmetries."""
-    own = one.origin.values == MOTION
-    periods = one.period.values[own & (one.frequency.values > 0.0)]
-    return ", ".join(value_text(x, one.period) for x in periods) or "none"
 
 
 def _table_along(study: xr.Dataset) -> list[str]:
@@ -325,21 +320,20 @@ def _span(study: xr.Dataset, k: int) -> str:
     return span + f" (of the --points, {' and '.join(why)})" * bool(why)
 
 
-def _bifurcation_text(one: xr.Dataset, value: xr.DataArray) -> str:
+def _bifurcation_text(row: xr.Dataset, value: xr.DataArray) -> str:
     """Return a bifurcation as a line of text."""
-    where = f"at {value_text(float(one.bifurcation_value), value, 10)}"
-    kind, branch = one.bifurcation_kind.item(), int(one.bifurcation_branch)
-    others = [int(i) for i in np.flatnonzero(one.bifurcation_meets.values) if i != branch]
-    text = f"{where}: {kind} of branch {branch}"
+    kind, branch = row.bifurcation_kind.item(), int(row.bifurcation_branch)
+    others = [int(i) for i in np.flatnonzero(row.bifurcation_meets.values) if i != branch]
+    text = f"at {value_text(float(row.bifurcation_value), value, 10)}: {kind} of branch {branch}"
     if others:
         branches = "branch" if len(others) == 1 else "branches"
         text += f", which meets {branches} {' and '.join(map(str, others))}"
-    frequency = float(one.bifurcation_frequency)
+    frequency = float(row.bifurcation_frequency)
     if np.isnan(frequency):
         return text
     if frequency:
-        text += f"; frequency of its eigenvalue {value_text(frequency, one.bifurcation_frequency)}"
-    below, above = one.growing.values
+        text += f"; frequency of its eigenvalue {value_text(frequency, row.bifurcation_frequency)}"
+    below, above = row.growing.values
     return f"{text}; growing changes: {below} below, {above} above"
 
 
@@ -349,6 +343,7 @@ linearise = Study(
     options=LineariseOptions,
     work=Direct(linearise_scene, "a function called with a line of text per stage of `along`"),
     table=table,
+    variables=(*MOTIONS, *BIFURCATIONS),
     picture="eigenvalues",
     example=Example("dzhanibekov", {"starts": 8}, {}),
 )

@@ -30,8 +30,8 @@ ZERO = 1e-12
 PARTS = slice(0, 3), slice(3, 6)  # n and m of a generator
 
 
-class Symmetries(NamedTuple):
-    """The symmetries of a scene.
+class System(NamedTuple):
+    """The mechanics of a scene and its symmetries.
 
     frame : (6,) n and m of a generator with s = 1: its flow shifts time by as much as passes
     generators : (k, 6) n and m of the generators with s = 0
@@ -42,6 +42,7 @@ class Symmetries(NamedTuple):
     is_hamiltonian : whether the torques follow from a potential, so that nothing is damped
     """
 
+    mechanics: Mechanics
     frame: Array
     generators: Array
     conserved: Array
@@ -93,12 +94,12 @@ def tidied(rows: Array) -> Array:
     return np.asarray(rows / np.sqrt((rows * rows).sum(1, keepdims=True)))
 
 
-def momentum_rows(known: Mechanics, q: Array, l: Array, generators: Array) -> Array:
+def momentum_rows(mechanics: Mechanics, q: Array, l: Array, generators: Array) -> Array:
     """Return the derivatives (k, 6) of the momenta by x and l in one state.
 
     The momentum of a generator is (A^T n + m) . (l + wheel).
     """
-    whole, up = l + known.wheel, generators[:, :3] @ space_to_body(q[:, None])[0].T
+    whole, up = l + mechanics.wheel, generators[:, :3] @ space_to_body(q[:, None])[0].T
     return np.concatenate([np.cross(whole, up), up + generators[:, 3:]], axis=1)
 
 
@@ -115,12 +116,13 @@ def sample_states(count: int) -> tuple[Array, Array, Array]:
     return uniform_attitudes(u, v, w), 2.0 * np.array([x, y, z]) - 1.0, 10.0 * t
 
 
-def find_symmetries(known: Mechanics) -> Symmetries:
-    """Return the Symmetries of a scene; SceneError if none of them passes with time, as for a
+def find_symmetries(mechanics: Mechanics) -> System:
+    """Return the System of a scene; SceneError if none of them passes with time, as for a
     periodic torque: the scene then has no steady motion."""
     q, w, t = sample_states(STATES)
-    l = w / (known.moment * np.array(known.body[:3]))  # an axis with a small moment turns no faster
-    rates, into = rates_of(known, q, l, t), space_to_body(q)
+    # an axis with a small moment turns no faster
+    l = w / (mechanics.moment * np.array(mechanics.body[:3]))
+    rates, into = rates_of(mechanics, q, l, t), space_to_body(q)
     w, f = rates.value[:, :3], rates.value[:, 3:]
     by_x, by_l, by_t = rates.slope[..., :3], rates.slope[..., 3:6], rates.slope[..., 6:]
     turned = np.concatenate([-cross_matrix(w), -cross_matrix(f)], axis=1)
@@ -131,13 +133,13 @@ def find_symmetries(known: Mechanics) -> Symmetries:
     free = np.linalg.qr((null_space(changes / size, ZERO) / size).T)[0].T
     passing = free.T @ free[:, 3]
     if not passing[3] > 1e-12:
-        raise SceneError(_never_steady(known), at="effects", table="")
+        raise SceneError(_never_steady(mechanics), at="effects", table="")
     frame = np.delete(passing / passing[3], 3)
     frame[np.abs(frame) < 1e-12] = 0.0
     still = null_space(free[:, 3:4].T, 1e-9) @ free if len(free) > 1 else np.empty((0, 7))
     generators = tidied(np.delete(still, 3, axis=1))
     up, m = generators[:, :3] @ into.swapaxes(1, 2), generators[:, 3:]
-    whole = l.T + known.wheel
+    whole = l.T + mechanics.wheel
     # rates (n, k) of the momenta
     moved = ((np.cross(w, whole) + f)[:, None] * up).sum(2) + f @ m.T
     conserved = _null_part(moved, generators)
@@ -146,9 +148,8 @@ def find_symmetries(known: Mechanics) -> Symmetries:
     central = _null_part(flat.T, conserved)
     growth = (whole * f).sum(1)
     has_size = bool(np.abs(growth).max() < ZERO * max(1.0, (np.abs(whole) * np.abs(f)).max()))
-    return Symmetries(
-        frame, generators, conserved, central, has_size, _is_hamiltonian(rates, whole)
-    )
+    is_hamiltonian = _is_hamiltonian(rates, whole)
+    return System(mechanics, frame, generators, conserved, central, has_size, is_hamiltonian)
 
 
 def _is_hamiltonian(rates: Rates, whole: Array) -> bool:
@@ -182,11 +183,11 @@ def _null_part(matrix: Array, rows: Array) -> Array:
     return tidied(null_space(matrix, ZERO * max(1.0, np.abs(matrix).max())) @ rows)
 
 
-def _never_steady(known: Mechanics) -> str:
+def _never_steady(mechanics: Mechanics) -> str:
     """Return the rule for a scene without a symmetry that passes with time."""
     timed = [
         name
-        for name, effect in zip(known.names, known.effects, strict=True)
+        for name, effect in zip(mechanics.names, mechanics.effects, strict=True)
         if "t" in argument_names(effect, "torque")
     ]
     return (

@@ -29,7 +29,7 @@ from rigidmc.physics.effects.protocol import blank, is_random, parameter_count
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import find_observable
 from rigidmc.physics.observables.protocol import size
-from rigidmc.planning.initial import block_rows, initial_block_of, make_sampler
+from rigidmc.planning.initial import initial_block_of, make_sampler
 from rigidmc.planning.steps import rate_bounds
 from rigidmc.results.frames import in_principal_axes
 from rigidmc.scene.scene import Scene
@@ -82,17 +82,15 @@ class CrossingPaths:
         self._start, self._m, self._times, self.spans = departures
         m, spans = self._m, self.spans
         refuse_uncompilable(scene.effects)
-        rows = block_rows(scene.effects, False)
-        known = make_sampler(scene.model, scene.run), members, True, rows
-        block, given = initial_block_of(scene.model, *known)
+        sampler = make_sampler(scene.model, scene.run)
+        block, given = initial_block_of(scene.model, sampler, members)
         end = layout.EFFECTS + parameter_count(*scene.effects)
         axes: tuple[Any, ...] = ()
         if scene.body.is_turned and scene.body.frame == "described":
             axes = body_axes(tuple(given["principal_axes"]))
-        own = np.reshape(tree_leaves(axes), (-1, block.shape[1]))
-        table = np.concatenate(
-            [block[layout.BODY : layout.EFFECTS], own, block[layout.EFFECTS : end]]
-        ).T
+        rows_of_axes = np.reshape(tree_leaves(axes), (-1, block.shape[1]))
+        body_rows, effect_rows = np.split(block[layout.BODY : end], [layout.EFFECTS - layout.BODY])
+        table = np.concatenate([body_rows, rows_of_axes, effect_rows]).T
         observables = tuple(observed.values())
         fixed = np.array(tree_flatten(observables))
         fixed = np.broadcast_to(fixed, (len(table), fixed.size))
@@ -160,8 +158,7 @@ def _apart(one: Array, two: Array, size: Array) -> Array:
     sizes = np.maximum(sizes, size)
     # avoid division by zero for a body at rest without torques
     pushed = np.linalg.norm(one[4:7] - two[4:7], axis=0) / np.where(sizes > 0.0, sizes, 1.0)
-    apart: Array = np.nan_to_num(np.maximum(turned, pushed), nan=np.inf)
-    return apart
+    return np.asarray(np.nan_to_num(np.maximum(turned, pushed), nan=np.inf))
 
 
 WAYS = ("rises", "falls", "both")
@@ -172,9 +169,9 @@ RULE = 'expected "NAME = NUMBER" or "NAME[3] = NUMBER", "every NUMBER" [s] or "e
 
 def tree_leaves(part: Any) -> list[Any]:
     """Return the arrays of nested tuples, one after the other."""
-    return (
-        [leaf for item in part for leaf in tree_leaves(item)] if isinstance(part, tuple) else [part]
-    )
+    if not isinstance(part, tuple):
+        return [part]
+    return [leaf for item in part for leaf in tree_leaves(item)]
 
 
 class Crossing(NamedTuple):
@@ -187,8 +184,7 @@ class Crossing(NamedTuple):
     def happens(self, before: Array, after: Array) -> NDArray[np.bool_]:
         """Return whether levels, values minus `value`, cross 0 between two saves."""
         up, down = (before < 0.0) & (after >= 0.0), (before > 0.0) & (after <= 0.0)
-        found: NDArray[np.bool_] = {"rises": up, "falls": down, "both": up | down}[self.way]
-        return found
+        return {"rises": up, "falls": down, "both": up | down}[self.way]
 
 
 def crossing_of(scene: Scene, at: str, way: str) -> Crossing:
@@ -257,8 +253,7 @@ def periodic(part: xr.Dataset, observed: Mapping[str, Any]) -> dict[str, Array]:
 def _good(part: xr.Dataset) -> NDArray[np.bool_]:
     """Return whether a save (time, member) precedes the fault of its member, if any."""
     ends = np.where(part.status.values == 0, np.inf, part.status_time.values)
-    there: NDArray[np.bool_] = part.time.values[:, None] < ends
-    return there
+    return np.asarray(part.time.values[:, None] < ends)
 
 
 def find_crossings(

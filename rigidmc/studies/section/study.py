@@ -28,13 +28,13 @@ Examples
 A body that rotates about its long axis, at each upward crossing of omega_2 = 0:
 
 >>> scene = rm.Scene(rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(1.0, 0.2, 0.1)))
->>> found = rm.section(scene, "omega[2] = 0", members=1, dt=0.01, t_end=50.0)
->>> found.time.diff("point").values.round(9).tolist()  # its period
+>>> study = rm.section(scene, "omega[2] = 0", members=1, dt=0.01, t_end=50.0)
+>>> study.time.diff("point").values.round(9).tolist()  # its period
 [10.858161105, 10.858161105, 10.858161105]
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -108,10 +108,9 @@ def check_source(scene: Scene, result: xr.Dataset, options: SectionOptions) -> N
     names = (*STATE, *of)
     for name in names:
         if name not in result or "time" not in result[name].dims:
-            rule = f"requires {name} at save times; `rigidmc run SCENE --save {','.join(names)}`"
-            raise OptionError(
-                f"a section {rule}", at="at", value=at, nearest=nearest(name, list(result))
-            )
+            save = f"`rigidmc run SCENE --save {','.join(names)}`"
+            rule = f"a section requires {name} at save times; {save}"
+            raise OptionError(rule, at="at", value=at, nearest=nearest(name, list(result)))
 
 
 def batch_of(saves: int) -> int:
@@ -123,88 +122,64 @@ def _saving(scene: Scene, *more: str, **settings: Any) -> Scene:
     """Return the scene that saves the state, `more`, and its own variables at save times."""
     names = (name for name in scene.run.save if name in scene.recording.recorded)
     save = tuple(dict.fromkeys((*STATE, "energy", *more, *names)))  # curves of one energy
-    wider: Scene = scene.with_run(save=save, keep="full", **settings)
-    return wider
+    return scene.with_run(save=save, keep="full", **settings)
 
 
 def reduce(batches: Batches, options: SectionOptions) -> xr.Dataset:
     """Return the Dataset of the study of members: their points, in order."""
-    scene, at, way = batches.scene, options.at, options.way
-    found, flagged, lost, attrs = [], 0, 0, dict[str, Any]()
-    crossing = None if period_of(scene, at) else crossing_of(scene, at, way)
+    scene, at = batches.scene, options.at
+    crossing = None if period_of(scene, at) else crossing_of(scene, at, options.way)
     wider = _saving(scene, *((crossing.of.name,) if crossing else ()))
-    observed = {
-        name: one for name, one in wider.recording.recorded.items() if of_the_state(scene, name)
+    recorded = wider.recording.recorded.items()
+    observed = {name: one for name, one in recorded if of_the_state(scene, name)}
+    parts, flagged, lost = list[dict[str, Array]](), 0, 0
+    about: dict[str, Any] = {
+        "member": {"long_name": "index of the member"},
+        "time": {"long_name": "time of the point", "units": "s"},
     }
     for part in batches.results:
         flagged += int((part.status != 0).sum())
-        attrs |= {name: part[name].attrs for name in observed if name in part}
+        about |= {name: part[name].attrs for name in observed if name in part}
         if crossing is None:
-            found.append(periodic(part, observed))
+            points, missing = periodic(part, observed), 0
         else:
             points, missing = find_crossings(scene, part, crossing, observed, batches.threads)
-            found.append(points)
-            lost += missing
-    observed = {name: one for name, one in observed.items() if name in attrs}
-    return _dataset(scene, at, way if crossing else "", observed, attrs, found, flagged, lost)
-
-
-def _dataset(
-    scene: Scene,
-    at: str,
-    way: str,
-    observed: Mapping[str, Any],
-    about: Mapping[str, Any],
-    found: Sequence[Mapping[str, Array]],
-    flagged: int,
-    lost: int,
-) -> xr.Dataset:
-    """Return the Dataset of points.
-
-    about : attributes of the observables, from the result;  lost : crossings not found
-    """
-
-    def joined(name: str) -> Array:
-        return np.concatenate([one[name] for one in found], axis=-1)
-
-    variables: dict[str, Any] = {
-        "member": ("point", joined("member"), {"long_name": "index of the member"}),
-        "time": ("point", joined("time"), {"long_name": "time of the point", "units": "s"}),
-    }
-    coords: dict[str, Any] = {}
-    for name, one in observed.items():
-        values = joined(name)
-        variables[name] = (*one.dims, "point"), values if one.dims else values[0], about[name]
-        coords |= {dim: list(DIMENSIONS[dim].labels) for dim in one.dims}
-    attrs = {
-        "title": scene.title,
+        parts.append(points)
+        lost += missing
+    variables, coordinates = dict[str, Any](), dict[str, Any]()
+    for name, attrs in about.items():
+        values = np.concatenate([points[name] for points in parts], axis=-1)
+        dims = observed[name].dims if name in observed else ()
+        values = values[0] if values.ndim > 1 and not dims else values
+        variables[name] = (*dims, "point"), values, attrs
+        coordinates |= {dim: list(DIMENSIONS[dim].labels) for dim in dims}
+    facts = {
         "at": at.strip(),
-        "way": way,
+        "way": options.way if crossing else "",
         "members": int(scene.run.members),
         "flagged": flagged,
         "lost": lost,
-        "scene": scene.dumps(),
     }
-    return xr.Dataset(variables, coords, attrs)
+    return xr.Dataset(variables, coordinates, facts)
 
 
 def table(study: xr.Dataset) -> list[str]:
     """Return the study as lines of text."""
-    each = np.bincount(np.unique(study.member.values, return_inverse=True)[1])
+    counts, attrs = np.bincount(np.unique(study.member.values, return_inverse=True)[1]), study.attrs
+    way = f" as it {attrs['way']}" * (attrs["way"] in WAYS[:2])
     lines = [
-        study.attrs["title"],
-        f"  {count_text(study.sizes['point'], 'point')}, {study.attrs['at']}"
-        + f" as it {study.attrs['way']}" * (study.attrs["way"] in WAYS[:2])
-        + f", of {each.size:,} of {count_text(study.attrs['members'], 'member')}",
+        attrs["title"],
+        f"  {count_text(study.sizes['point'], 'point')}, {attrs['at']}{way}"
+        f", of {counts.size:,} of {count_text(attrs['members'], 'member')}",
     ]
-    if each.size:
-        lines.append(f"  points per member: {each.min():,} to {each.max():,}")
-    if study.attrs["flagged"]:
-        lines.append(f"  flagged members, without later points: {study.attrs['flagged']:,}")
-    if study.attrs["lost"]:
+    if counts.size:
+        lines.append(f"  points per member: {counts.min():,} to {counts.max():,}")
+    if attrs["flagged"]:
+        lines.append(f"  flagged members, without later points: {attrs['flagged']:,}")
+    if attrs["lost"]:
         lines.append(
             "  crossings not found, because steps between the saves do not converge:"
-            f" {study.attrs['lost']:,}; save more often"
+            f" {attrs['lost']:,}; save more often"
         )
     return lines
 

@@ -23,6 +23,7 @@ from rigidmc.errors import OptionError
 from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.scene.derivatives import derivative_name, parameter_names_of_derivatives
 from rigidmc.scene.distributions import Distribution, Truncated
+from rigidmc.scene.model import Model
 from rigidmc.scene.parameters import value_at
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.measures import Measure
@@ -30,13 +31,13 @@ from rigidmc.statistics.measures import Measure
 Array = NDArray[np.float64]
 
 
-def constants(scene: Scene) -> dict[str, float]:
+def constants(model: Model) -> dict[str, float]:
     """Return {uncertain parameter: Poincare constant of its distribution}, for those by which
     members have derivatives and whose constant is known."""
-    able = set(parameter_names_of_derivatives(scene.model))
-    names = [name for name in uncertain_numbers(scene.model)[0] if name in able]
-    found = {name: poincare_constant(value_at(scene.model, name)) for name in names}
-    return {name: value for name, value in found.items() if value == value}
+    able = set(parameter_names_of_derivatives(model))
+    names = [name for name in uncertain_numbers(model)[0] if name in able]
+    values = {name: poincare_constant(value_at(model, name)) for name in names}
+    return {name: value for name, value in values.items() if value == value}
 
 
 def poincare_constant(law: Any) -> float:
@@ -68,30 +69,30 @@ def with_derivatives(scene: Scene, measures: Sequence[Measure]) -> Scene:
     """Return the scene that also differentiates its members by their uncertain parameters;
     OptionError for a measure without derivatives."""
     able = scene.recording.differentiable
-    for one in measures:
-        smooth = one.result.name in able and not one.result.timed  # times of events jump
-        if one.kind != "mean" or one.given is not None or not smooth:
+    for measure in measures:
+        result = measure.result
+        smooth = result.name in able and not result.timed  # times of events jump
+        if measure.kind != "mean" or measure.given is not None or not smooth:
             rule = (
                 "has no derivatives of members, and so no bounds: use the mean of a smooth quantity"
                 " over all members, such as mean(omega_last[3]) or mean(energy_mean)"
             )
-            raise OptionError(rule, at="of", value=one.text)
-    if not (known := constants(scene)):
+            raise OptionError(rule, at="of", value=measure.text)
+    if not (names := constants(scene.model)):
         rule = "no uncertain parameter has a bound: use normal or uniform distributions"
         raise OptionError(rule, at="bounds", value=True)
-    derived: Scene = scene.with_run(wrt=tuple(known))
-    return derived
+    return scene.with_run(wrt=tuple(names))
 
 
-def squared_rates(part: xr.Dataset, one: Measure, names: Sequence[str]) -> Array:
+def squared_rates(part: xr.Dataset, measure: Measure, names: Sequence[str]) -> Array:
     """Return the squared derivatives of a measure of members by parameters (parameters, members),
     nan for flagged members; OptionError if the result lacks them."""
-    name = derivative_name(one.result.name)
+    name = derivative_name(measure.result.name)
     has = set(map(str, part.parameter.values)) if "parameter" in part.coords else set()
     if name not in part or not has >= set(names):
         rule = f"the result has no {name}: run it with --wrt {','.join(names)}"
         raise OptionError(rule, at="bounds", value=True)
     rates = part[name].sel(parameter=list(names)).transpose("parameter", ..., "member").values
-    axis = one.result.axis
+    axis = measure.result.axis
     rates = rates if axis is None else rates[:, axis - 1]
     return np.where(part.status.values == 0, rates * rates, np.nan)

@@ -26,13 +26,7 @@ J. R. Stat. Soc. B 16 (1954) 175.
 
 {parameters}
 
-Returns
--------
-xarray.Dataset
-    over measure and number (an uncertain parameter): `first` and `total`, with the ends `_low` and
-    `_high` of their intervals, and with `bounds` also `bound`; over measure its `units`, its mean,
-    its variance, and the number of families counted: those in which every member is ok and has a
-    value
+{returns}
 
 Raises
 ------
@@ -49,10 +43,10 @@ A constant torque N about axis 3 turns a disc for 2 s; its mean spin is omega + 
 >>> torque = rm.BodyTorque((0.0, 0.0, rm.normal(0.0, 0.4)))
 >>> start = rm.Start(omega=(0.0, 0.0, rm.normal(1.0, 0.6)))
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), torque, start)
->>> found = rm.sensitivity(scene, "mean(omega_mean[3])", 2000, t_end=2.0, dt=0.1)
->>> found.number.values.tolist()
+>>> study = rm.sensitivity(scene, "mean(omega_mean[3])", 2000, t_end=2.0, dt=0.1)
+>>> study.number.values.tolist()
 ['effects.body_torque.size.3', 'start.omega.3']
->>> bool(found.total[0, 1] > found.total[0, 0])  # fractions 0.9 and 0.1
+>>> bool(study.total[0, 1] > study.total[0, 0])  # fractions 0.9 and 0.1
 True
 """
 
@@ -82,17 +76,34 @@ from rigidmc.studies.framework.options import (
     option,
 )
 from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
 from rigidmc.studies.sensitivity.bounds import constants, squared_rates, with_derivatives
 
 Array = NDArray[np.float64]
 FEW = 10  # least number of families that differ, and of families for each control variate
 KINDS = ("p", "mean")  # measures that are means over members
-WORDS = {
-    "first": "fraction of the variance that the parameter causes alone",
-    "total": "fraction of the variance that the parameter causes alone and with others",
-}
-BOUND = {"bound": "upper bound of the total index, from derivatives"}
-ENDS = {"value": "", "low": ": lower end", "high": ": upper end"}
+VARIABLES = (
+    StudyVariable(
+        "first", "measure number", "1", "fraction of the variance that the parameter causes alone",
+        has_interval=True,
+    ),
+    StudyVariable(
+        "total", "measure number", "1",
+        "fraction of the variance that the parameter causes alone and with others",
+        has_interval=True,
+    ),
+    StudyVariable("mean", "measure", "", "the measure, in its units"),
+    StudyVariable("variance", "measure", "", "its variance over members, in its units squared"),
+    StudyVariable("differing", "measure", "1", "counted families whose members differ"),
+    StudyVariable(
+        "families", "measure", "1", "families counted",
+        "those in which every member is ok and has a value",
+    ),
+    StudyVariable(
+        "bound", "measure number", "1", "upper bound of the total index, from derivatives",
+        "only with `bounds`", has_interval=True,
+    ),
+)  # fmt: skip
 
 
 class SensitivityOptions(Options):
@@ -239,118 +250,88 @@ def _mean_of(text: str, variables: Variables, may_save_more: bool = True) -> Mea
 def _numbers(part: xr.Dataset, measures: Sequence[Measure], by: Sequence[str]) -> Array:
     """Return the value of each measure, and its squared derivatives by some parameters, of members
     (measures, 1 + parameters, members); nan for flagged members."""
-    values = np.stack([one.numbers(part) for one in measures])[:, None]
+    values = np.stack([measure.numbers(part) for measure in measures])[:, None]
     if not by:
         return values
-    return np.concatenate([values, [squared_rates(part, one, by) for one in measures]], axis=1)
+    rates = [squared_rates(part, measure, by) for measure in measures]
+    return np.concatenate([values, rates], axis=1)
 
 
 def reduce(batches: Batches, options: SensitivityOptions) -> xr.Dataset:
     """Return the Dataset of the study of members. Incomplete families of an unfinished run are left
     out."""
-    known, may_save_more = batches.variables, batches.stored is None
-    measures = [_mean_of(text, known, may_save_more) for text in options.of]
+    saved, is_new = batches.variables, batches.stored is None
+    measures = [_mean_of(text, saved, is_new) for text in options.of]
     names = uncertain_numbers(batches.scene.model)[0]
-    by = constants(batches.scene) if options.bounds else {}
+    by = constants(batches.scene.model) if options.bounds else {}
     parts = [(part.member.values, _numbers(part, measures, tuple(by))) for part in batches.results]
-    size, last = 2 + len(names), max(int(m.max()) for m, _ in parts)
+    size, last = 2 + len(names), max(int(members.max()) for members, _ in parts)
     shape = len(measures), 1 + len(by), last // size + 1, size
     numbers = np.full(shape, np.nan)
-    for members, found in parts:
-        numbers.reshape(*shape[:2], -1)[..., members] = found
-    units = [one.units(known) for one in measures]
-    study = _dataset(batches.scene, measures, units, numbers[:, 0], options.confidence)
-    if not options.bounds:
-        return study
-    factors, rows = np.array(list(by.values())), [names.index(name) for name in by]
-    bounds = np.full((len(measures), 3, len(names)), np.nan)
-    resolved = resolution_of(batches.scene)
-    for bound, one in zip(bounds, numbers, strict=True):
-        bound[:, rows] = bounds_of(one[0], one[1:], factors, options.confidence, resolved)
-    return study.assign(_intervals(BOUND, [(Interval(*bound),) for bound in bounds]))
-
-
-def _intervals(words: Mapping[str, str], found: Sequence[Sequence[Interval]]) -> dict[str, Any]:
-    """Return the variables over measure and number of quantities with intervals.
-
-    words : {name: description};  found : for each measure the Interval of each quantity
-    """
-    variables: dict[str, Any] = {}
-    for i, (name, text) in enumerate(words.items()):
-        for key, (end, more) in zip(_keys(name), ENDS.items(), strict=True):
-            numbers = np.stack([getattr(one[i], end) for one in found])
-            about = {"long_name": text + more, "units": "1"}
-            variables[key] = ("measure", "number"), numbers, about
-    return variables
-
-
-def _dataset(
-    scene: Scene, measures: Sequence[Measure], units: list[str], values: Array, confidence: float
-) -> xr.Dataset:
-    """Return the Dataset of values (measures, families, members of a family) in these units."""
-    resolved = resolution_of(scene)
-    found = [indices(one, confidence, resolved=resolved) for one in values]
-    variables = _intervals(WORDS, found)
+    for members, values in parts:
+        numbers.reshape(*shape[:2], -1)[..., members] = values
+    resolved, confidence = resolution_of(batches.scene), options.confidence
+    values = numbers[:, 0]
+    pairs = [indices(families, confidence, resolved=resolved) for families in values]
     counts = np.logical_and.reduce(np.isfinite(values), axis=2)
-    kept = [one[there][:, :2] for one, there in zip(values, counts, strict=True)]
+    kept = [families[there][:, :2] for families, there in zip(values, counts, strict=True)]
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        means, variances = ([f(one) for one in kept] for f in (np.mean, np.var))
-    variables["mean"] = ("measure", means, {"long_name": "the measure, in its units"})
-    about = {"long_name": "its variance over members, in its units squared"}
-    variables["variance"] = ("measure", variances, about)
-    differ = [count_differing(one, resolved) for one in values]
-    about = {"long_name": "counted families whose members differ", "units": "1"}
-    variables["differing"] = "measure", differ, about
-    about = {"long_name": "families counted", "units": "1"}
-    variables["families"] = "measure", counts.sum(axis=1), about
-    texts = [one.text for one in measures]
+        means, variances = ([f(families) for families in kept] for f in (np.mean, np.var))
+    arrays = {
+        "first": np.stack([first for first, _ in pairs], axis=1),
+        "total": np.stack([total for _, total in pairs], axis=1),
+        "mean": means,
+        "variance": variances,
+        "differing": [count_differing(families, resolved) for families in values],
+        "families": counts.sum(axis=1),
+    }
+    if options.bounds:
+        factors, rows = np.array(list(by.values())), [names.index(name) for name in by]
+        arrays["bound"] = np.full((3, len(measures), len(names)), np.nan)
+        for i, (families, *squares) in enumerate(numbers):
+            ends = bounds_of(families, np.array(squares), factors, confidence, resolved)
+            arrays["bound"][:, i, rows] = ends
     attrs = {
-        "title": scene.title,
         "confidence": confidence,
         "members": values[0].size,
         "left_out": int((~counts).sum(axis=1).max()),
-        "scene": scene.dumps(),
     }
     coordinates = {
-        "measure": texts,
-        "number": uncertain_numbers(scene.model)[0],
-        "units": ("measure", units),
+        "measure": [measure.text for measure in measures],
+        "number": names,
+        "units": ("measure", [measure.units(saved) for measure in measures]),
     }
-    return xr.Dataset(variables, coordinates, attrs)
+    return make_dataset(VARIABLES[: len(arrays)], arrays, coordinates, attrs)
 
 
-def _shares(one: xr.Dataset) -> list[str]:
+def _shares(indices: xr.Dataset) -> list[str]:
     """Return the indices of a measure as lines of text, the largest first."""
-    if one.differing < FEW:
-        differing = count_text(int(one.differing), "family")
-        often = f"in {differing}" if one.differing else "in no family"
+    if indices.differing < FEW:
+        differing = count_text(int(indices.differing), "family")
+        often = f"in {differing}" if indices.differing else "in no family"
         return [
             f"  members differ by more than rounding {often}; indices require {FEW}: add families,"
             " or use a quantity that differs more often"
         ]
     heads = {"first": "alone", "total": "with others"}
-    if "bound" in one:
+    if "bound" in indices:
         heads["bound"] = "at most"
     lines = [f"  {'':32s} {' '.join(f'{head:>22s}' for head in heads.values())}"]
-    for i in np.argsort(-one.total.values, kind="stable"):
-        cells = [_cell(*(float(one[key][i]) for key in _keys(name))) for name in heads]
-        lines.append(f"  {one.number.values[i]!s:32s} {' '.join(f'{x:>22s}' for x in cells)}")
-    if (one["first"] > one["total"]).any():
+    for i in np.argsort(-indices.total.values, kind="stable"):
+        row = indices.isel(number=i)
+        cells = " ".join(f"{_cell(interval_of(row, name)):>22s}" for name in heads)
+        lines.append(f"  {row.number.item()!s:32s} {cells}")
+    if (indices["first"] > indices["total"]).any():
         lines.append("  a fraction alone above that with others is sampling noise: add families")
     return lines
 
 
-def _cell(value: float, low: float, high: float) -> str:
+def _cell(index: Interval) -> str:
     """Return an index with its interval as text; "-" for a bound that is not known."""
-    if value != value:
+    if index.value != index.value:
         return "-"
-    return f"{value:.3f} ({low:.3f} to {high:.3f})".replace("-0.000", "0.000")
-
-
-def _keys(name: str) -> list[str]:
-    """Return the variable names of an index: its value, and the ends of its interval."""
-    return [name if end == "value" else f"{name}_{end}" for end in ENDS]
+    return f"{index.value:.3f} ({index.low:.3f} to {index.high:.3f})".replace("-0.000", "0.000")
 
 
 def table(study: xr.Dataset) -> list[str]:
@@ -376,6 +357,7 @@ sensitivity = Study(
     options=SensitivityOptions,
     work=Members(scene_of_families, reduce, batch=2**17, points="saltelli"),
     table=table,
+    variables=VARIABLES,
     picture="sensitivity_bars",
     settings=TUNING,
     scene_text="a scene, its file, or the name of a shipped scene; its distributions are the"

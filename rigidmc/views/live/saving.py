@@ -14,7 +14,7 @@ from rigidmc.errors import SceneError
 from rigidmc.mechanics.euler_angles import TEXTBOOK
 from rigidmc.physics.effects import name_of
 from rigidmc.physics.integrators.protocol import follows_turns
-from rigidmc.planning.initial import block_rows, initial_block
+from rigidmc.planning.initial import initial_block
 from rigidmc.scene.body import Body
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.parameters import path_of, with_parameters
@@ -128,6 +128,5 @@ def _spread(live: LiveRun, slider: Slider) -> NDArray[np.float64] | None:
     except SceneError:  # the number has no name of its own in this scene
         return None
     first, count = live.run.members.first, live.block.shape[1]
-    rows = block_rows(model.effects, False)
-    _, start = initial_block(model, live.run.sampler, first, count, True, rows)
+    _, start = initial_block(model, live.run.sampler, first, count)
     return slider.numbers(start)
