@@ -138,14 +138,32 @@ def test_a_page_reads_off_the_motion(browser, tmp_path):  # noqa: F811
     slow, _ = rm.steady_precession(moments, weight, 200.0, 0.4)
     assert read["steady precession"] == pytest.approx(np.degrees(slow), rel=1e-3)
     # waves end at the push that the page states
-    push = float(re.search("waves for a push of 0 to ([.0-9]+)", text)[1])
+    push = float(re.search("waves for a push dφ/dt sin θ of 0 to ([.0-9]+)", text)[1])
     for part, kind in ((0.999, "monotone precession"), (1.001, "loops")):
         momentum = np.multiply(moments, (0.0, part * push, 200.0))
         assert rm.analyse_lagrange_top(moments, weight, momentum, start[3]).kind == kind
     page.evaluate("SLIDERS.find(s => s.name === 'start.omega.3').set(80); begin()")
     page.click("text=steady precession")
     least = float(rm.least_spin(moments, weight, 0.4))
-    assert f"needs a spin above {least:.4g} rad/s, and ω₃ is 80 rad/s" in page.inner_text("#told")
+    assert f"needs |ω₃| above {least:.4g} rad/s, and ω₃ is 80 rad/s" in page.inner_text("#told")
+
+
+def test_a_button_without_an_effect_says_why(browser, tmp_path):  # noqa: F811
+    """Before, nothing happened; and a vertical top had a mean rate of phi, by rounding."""
+    names = ["start.omega.2", "start.omega.3", "start.attitude.theta", "effects.gravity.g"]
+    rm.live("heavy_top", tmp_path / "top.html", dict.fromkeys(names), members=1)
+    page = opened(browser, tmp_path / "top.html")
+    page.evaluate("SLIDERS[2].set(0); begin(0.05)")
+    page.wait_for_function("!state.busy && state.step >= 100")
+    assert "mean dφ/dt" not in page.inner_text("#readings")
+    page.click("#presets >> text=loops")
+    assert "let it lean first" in page.inner_text("#told")
+    page.evaluate("SLIDERS[2].set(0.4); SLIDERS[3].set(0); begin()")
+    page.click("#presets >> text=loops")
+    assert "No weight turns this top" in page.inner_text("#told")
+    page.evaluate("SLIDERS[3].set(9.81); begin(0.05)")
+    page.wait_for_function("!state.busy && state.step >= 100")
+    assert "mean dφ/dt" in page.inner_text("#readings") and page.faults == []
 
 
 def test_a_link_takes_a_bounded_time_and_says_so(browser, tmp_path):  # noqa: F811

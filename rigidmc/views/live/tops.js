@@ -16,13 +16,18 @@ function topOf() {
 const byPlace = (kind, place) => SLIDERS.find(s => s.kind === kind && s.place === place);
 // the rate of precession at the start, in that of steady precession
 const PRESETS = { "steady precession": 1, waves: 0.5, cusps: 0, loops: -1 }, UPRIGHT = 0.01;   // rad, of a sleeping top that may fall
+const isVertical = theta => Math.abs(Math.sin(theta)) < 1e-9;   // the rounding of a turn makes 1e-16 rad, without a direction
 function setPreset(word) {
   const top = topOf(), per = DATA.omega ? 1 : top.i1, [first, second, third] = [0, 1, 2].map(k => byPlace("spin", k)), lean = byPlace("angle", 1);
   if (word === "sleeping") {
     lean.set(UPRIGHT); first?.set(0); second.set(0);
     if (Math.abs(top.spin) < 1.1 * top.least * top.i3) third.set((top.spin < 0 ? -1 : 1) * 1.1 * top.least * (DATA.omega ? 1 : top.i3));
+  } else if (isVertical(top.theta)) {
+    return tell("The axis is vertical, where a push has no direction: let it lean first, by θ(0).");
+  } else if (top.k === 0) {
+    return tell("No weight turns this top: without a push its axis stands still, and with one it circles L.");
   } else if (PRESETS[word] && isNaN(top.slow)) {
-    return tell(`No steady precession at this lean: it needs a spin above ${nice(+top.needed.toPrecision(4))} rad/s, and ω₃ is ${nice(+(top.spin / top.i3).toPrecision(4))} rad/s.`);
+    return tell(`No steady precession at this lean: it needs |ω₃| above ${nice(+top.needed.toPrecision(4))} rad/s, and ω₃ is ${nice(+(top.spin / top.i3).toPrecision(4))} rad/s.`);
   } else {
     const push = PRESETS[word] && PRESETS[word] * top.slow * Math.sin(top.theta) * per;
     first?.set(push * Math.sin(top.psi)); second.set(push * Math.cos(top.psi));
@@ -60,7 +65,7 @@ function readings(samples, t, peaks) {
   const last = samples.at(-1), digits = (x, n = 4) => nice(+x.toPrecision(n)), list = [], theta = samples.map(s => degrees(eulerOf(s)[1]));
   const low = Math.min(...theta), high = Math.max(...theta);
   list.push(["θ", `${digits(theta.at(-1))}° (${digits(low)}° to ${digits(high)}°)`]);
-  if (!DATA.isFree && t.length > 2) {
+  if (!DATA.isFree && t.length > 2 && !samples.every(s => isVertical(eulerOf(s)[1]))) {
     const phi = unwrapped(samples.map(s => degrees(eulerOf(s)[0]))), isWhole = peaks.length > 1;
     const rate = isWhole ? meanRate(t, phi, peaks) : (phi.at(-1) - phi[0]) / (t.at(-1) - t[0]);
     list.push([`mean dφ/dt${isWhole || high - low < NODDING ? "" : " so far"}`, `${digits(rate)}°/${CLOCK.one}`]);
@@ -70,10 +75,13 @@ function readings(samples, t, peaks) {
   if (isFinite(last.energy)) list.push(["E", `${digits(last.energy, 6)} J`]);
   list.push(["|L|²", `${digits(inner(last.l, last.l), 6)} kg² m⁴/s²`]);
   const top = topOf();
+  if (!top?.spin || !top.k) return list;
   // up to twice k/p_psi the axis traces waves, if it does not reach the vertical before
-  if (top?.k > 0 && top.spin ** 2 > 2 * top.i1 * top.k * (1 + Math.cos(top.theta)))
-    list.push(["waves for a push of 0 to", `${digits(2 * top.k / top.spin * Math.sin(top.theta))} rad/s`]);
-  if (top?.spin) list.push(["steady precession", isNaN(top.slow) ? `from ω₃ = ${digits(top.needed)} rad/s on` : `${digits(degrees(top.slow) * CLOCK.by)}°/${CLOCK.one}`],
-    ["sleeps upright from ω₃ =", `${digits(top.least)} rad/s on`]);
+  const across = Math.sin(top.theta), side = Math.sign(top.k);
+  if (top.spin ** 2 > 2 * top.i1 * side * top.k * (1 + side * Math.cos(top.theta)) && !isVertical(top.theta))
+    list.push(["waves for a push dφ/dt sin θ of 0 to", `${digits(2 * top.k / top.spin * across)} rad/s`]);
+  list.push(["steady precession", isNaN(top.slow) ? `from |ω₃| = ${digits(top.needed)} rad/s on`
+    : `${digits(degrees(top.slow) * CLOCK.by)}°/${CLOCK.one}, a push of ${digits(top.slow * across)} rad/s`]);
+  if (top.least) list.push(["sleeps upright from |ω₃| =", `${digits(top.least)} rad/s on`]);
   return list;
 }
