@@ -31,7 +31,8 @@ from rigidmc.studies.stability_map.cases import MAPS
 from rigidmc.views.figures import ALARM, GREY, MEDIAN, Scale, colour_scale, new_figure
 
 BLANK = "#dddddd"  # pixels without a value of the measure
-Edges = list[NDArray[np.float64]]  # of the pixels, along x and along y
+Values = NDArray[np.float64]
+Edges = list[Values]  # of the pixels, along x and along y
 
 
 def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | None = None) -> Figure:
@@ -62,23 +63,23 @@ def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | Non
     handles: list[Any] = []
     for axes, part in zip(panels.flat, parts, strict=False):
         image, more = _panel(axes, part, name, case, scale)
-        handles += [one for one in more if one.get_label() not in {h.get_label() for h in handles}]
+        labels = {handle.get_label() for handle in handles}
+        handles += [handle for handle in more if handle.get_label() not in labels]
         if "z" in ds.dims:
-            layer = (
-                f"{in_symbols(part.z.attrs['long_name'])} = {value_text(float(part.z), part.z, 4)}"
-            )
-            axes.set_title(layer, fontsize=9)
+            name_of_z, value = in_symbols(part.z.attrs["long_name"]), float(part.z)
+            axes.set_title(f"{name_of_z} = {value_text(value, part.z, 4)}", fontsize=9)
     if marked:
         _mark(panels.flat[1], ds)
     for axes in panels.flat[count:]:
         axes.set_axis_off()
-    labels = [long_label(ds.x), long_label(ds.y)]
-    if case:
-        labels = [with_units(case.labels[k], ds[key].attrs["units"]) for k, key in enumerate("xy")]
+    across, upwards = (
+        with_units(case.labels[k], ds[key].attrs["units"]) if case else long_label(ds[key])
+        for k, key in enumerate("xy")
+    )
     for axes in panels[-1]:
-        axes.set_xlabel(labels[0])
+        axes.set_xlabel(across)
     for axes in panels[:, 0]:
-        axes.set_ylabel(labels[1])
+        axes.set_ylabel(upwards)
     ticks = scale[2]
     where = panels if len(parts) > 1 else panels.flat[0]
     bar = figure.colorbar(image, ax=where, pad=0.02, ticks=ticks[0] if ticks else None)
@@ -115,7 +116,8 @@ def _panel(
         if mask.values.any():
             handles.append(_hatched(axes, edges, mask.values, face, hatch, words))
     if case and case.contours and min(ds.sizes["x"], ds.sizes["y"]) > 1:
-        handles.append(_contours(axes, ds, *case.contours))
+        variable, levels, words = case.contours
+        handles.append(_contours(axes, ds, ds[variable].values, levels, words))
     elif not case and name.startswith("p("):
         handles += _half(axes, ds, name)
     return image, handles
@@ -130,12 +132,10 @@ def _mark(axes: Axes, ds: xr.Dataset) -> None:
 
 def _title(ds: xr.Dataset, case: MapCase | None) -> str:
     """Return the title of a map; unless it is a shipped map, add the facts of its run."""
-    title: str = ds.attrs["title"]
-    if case:
-        return title
     a = ds.attrs
-    members = count_text(a["members"], "member")
-    return f"{title}: {members} per pixel, to {a['t_end']:g} s with {a['integrator']}"
+    members = f"{count_text(a['members'], 'member')} per pixel"
+    facts = "" if case else f": {members}, to {a['t_end']:g} s with {a['integrator']}"
+    return f"{a['title']}{facts}"
 
 
 def _bar_label(variable: xr.DataArray, case: MapCase | None) -> str:
@@ -161,14 +161,12 @@ def _hatched(
 
 
 def _contours(
-    axes: Axes, ds: xr.Dataset, variable: str, levels: tuple[float, ...], words: str
+    axes: Axes, ds: xr.Dataset, values: Values, levels: tuple[float, ...], words: str
 ) -> Line2D:
-    """Draw contour lines of a variable, labelled if there are several levels; return the handle for
-    the legend."""
-    lines = axes.contour(
-        ds.x.values, ds.y.values, ds[variable].values,
-        levels=levels, colors="black", linewidths=1.4,
-    )  # fmt: skip
+    """Draw contour lines of values, labelled if there are several levels; return the handle for the
+    legend."""
+    style: dict[str, Any] = {"colors": "black", "linewidths": 1.4}
+    lines = axes.contour(ds.x.values, ds.y.values, values, levels=levels, **style)
     lines.set(path_effects=[withStroke(linewidth=2.6, foreground="white")])
     if len(levels) > 1:
         axes.clabel(lines, fontsize=9, fmt="%g", manual=_middles(lines, axes))
@@ -190,35 +188,24 @@ def _half(axes: Axes, ds: xr.Dataset, name: str) -> list[Line2D]:
     smooth = np.divide(sums, weights, out=np.full(values.shape, np.nan), where=known)
     if min(values.shape) < 2 or not np.nanmin(smooth) < 0.5 < np.nanmax(smooth):
         return []
-    lines = axes.contour(
-        ds.x.values,
-        ds.y.values,
-        np.ma.masked_invalid(smooth),
-        [0.5],
-        colors="black",
-        linewidths=1.4,
-    )
-    lines.set(path_effects=[withStroke(linewidth=2.6, foreground="white")])
-    return [Line2D([], [], color="black", lw=1.4, label="half of the members")]
+    masked = np.ma.masked_invalid(smooth)
+    return [_contours(axes, ds, masked, (0.5,), "half of the members")]
 
 
-def _middles(lines: QuadContourSet, axes: Axes) -> list[tuple[float, float]]:
+def _middles(contours: QuadContourSet, axes: Axes) -> list[tuple[float, float]]:
     """Return the middle of the longest piece of each line on the screen, for its label: labels
     there do not overlap where the lines meet."""
     middles = []
-    for pieces in lines.allsegs:
-        lengths = [
-            (piece, np.hypot(*np.diff(axes.transData.transform(piece), axis=0).T))
-            for piece in pieces
-            if len(piece) > 1
-        ]
-        if lengths:
-            piece, steps = max(lengths, key=lambda one: one[1].sum())
+    for pieces in contours.allsegs:
+        lines = [piece for piece in pieces if len(piece) > 1]
+        if lines:
+            lengths = [np.hypot(*np.diff(axes.transData.transform(x), axis=0).T) for x in lines]
+            piece, steps = max(zip(lines, lengths, strict=True), key=lambda pair: pair[1].sum())
             middles.append(tuple(piece[np.searchsorted(np.cumsum(steps), 0.5 * steps.sum())]))
     return middles
 
 
-def _edges(coordinate: xr.DataArray) -> NDArray[np.float64]:
+def _edges(coordinate: xr.DataArray) -> Values:
     """Return the edges of pixels, halfway between their centres on a linear or log scale."""
     x = np.log(coordinate.values) if coordinate.attrs["log"] else coordinate.values
     # a single pixel is as wide as its value, or a factor of e on a log scale

@@ -4,9 +4,10 @@ import csv
 import io
 import math
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from importlib import resources
 from os import PathLike
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -50,12 +51,8 @@ def run_cases(
     Raises OptionError for unknown names and for bounds that are negative or not finite.
     """
     names, chosen = list(integrators or (QUICK if quick else INTEGRATORS)), list(groups or GROUPS)
-    for name in names:
-        if name not in INTEGRATORS:
-            raise unknown("integrator", INTEGRATORS, at="integrator", value=name, error=OptionError)
-    for group in chosen:
-        if group not in GROUPS:
-            raise unknown("group of hard cases", GROUPS, at="group", value=group, error=OptionError)
+    _refuse_unknown("integrator", names, INTEGRATORS, at="integrator", error=OptionError)
+    _refuse_unknown("group of hard cases", chosen, GROUPS, at="group", error=OptionError)
     cases, known = catalogue(), shipped_bounds()
     for key, bound in (bounds or {}).items():
         known[key] = (_checked(key, bound), known.get(key, (0.0, math.nan))[1])
@@ -66,6 +63,12 @@ def run_cases(
     outcomes = carry_out(tasks, SHORT if quick else 1.0, threads or threads_available(), progress)
     table = [[outcomes.get((i, name)) for name in names] for i in wanted]
     return _dataset([cases[i] for i in wanted], table, names, known, bounds or {})
+
+
+def _refuse_unknown(kind: str, names: Iterable[str], known: Collection[str], **where: Any) -> None:
+    for name in names:
+        if name not in known:
+            raise unknown(kind, known, value=name, **where)
 
 
 def any_failed(study: xr.Dataset) -> bool:
@@ -109,19 +112,10 @@ def load_bounds(path: str | PathLike[str]) -> dict[Key, float]:
     """Return {(case, integrator): bound} of a file like `bounds.csv`; FileError for mistakes."""
     path = os.fspath(path)
     table = _read(text_of(path), path)
-    cases = {case.name for case in catalogue()}
-    for name, integrator in table:
-        if name not in cases:
-            raise unknown("case", cases, at=f"{path}.case", table=path, value=name, error=FileError)
-        if integrator not in INTEGRATORS:
-            raise unknown(
-                "integrator",
-                INTEGRATORS,
-                at=f"{path}.integrator",
-                table=path,
-                value=integrator,
-                error=FileError,
-            )
+    cases, where = {case.name for case in catalogue()}, {"table": path, "error": FileError}
+    _refuse_unknown("case", (name for name, _ in table), cases, at=f"{path}.case", **where)
+    names = (name for _, name in table)
+    _refuse_unknown("integrator", names, INTEGRATORS, at=f"{path}.integrator", **where)
     return {key: _checked(key, bound, FileError) for key, (bound, _) in table.items()}
 
 
@@ -158,13 +152,8 @@ def _read(text: str, file: str) -> dict[Key, tuple[float, float]]:
             bounds[row["case"], row["integrator"]] = float(row["bound"]), measured
         except (KeyError, TypeError, ValueError):
             rule = f"expected the columns {', '.join(_COLUMNS)}, with numbers in the last two"
-            raise FileError(
-                rule,
-                at=f"line {number}.bound",
-                table=f"line {number}",
-                value=row.get("bound"),
-                file=file,
-            ) from None
+            line, value = f"line {number}", row.get("bound")
+            raise FileError(rule, at=f"{line}.bound", table=line, value=value, file=file) from None
     return bounds
 
 
@@ -210,9 +199,10 @@ def _dataset(
         "seconds": (over, seconds, {"units": "s"}),
         "verdict": (over, verdict, flags),
         "reason": (over, reason),
-        "group": ("case", np.array([case.group for case in cases], dtype=object)),
-        "why": ("case", np.array([case.why for case in cases], dtype=object)),
-        "truth": ("case", np.array([case.truth for case in cases], dtype=object)),
+        **{
+            fact: ("case", np.array([getattr(case, fact) for case in cases], dtype=object))
+            for fact in ("group", "why", "truth")
+        },
     }
     coordinates = {
         "case": np.array([case.name for case in cases], dtype=object),

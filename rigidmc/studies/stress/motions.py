@@ -193,7 +193,6 @@ def walk(scene: Scene, turn: float, steps: int) -> Comparison:
     return Comparison(error, "random walk", scene.effects)
 
 
-GRAVITY = (Gravity(1.0),)
 UPRIGHT, HANGING = (1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)
 
 

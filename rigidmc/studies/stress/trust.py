@@ -21,18 +21,17 @@ from rigidmc.physics.dynamics.methods import argument_names
 from rigidmc.physics.dynamics.so3 import multiply
 from rigidmc.physics.effects.protocol import facts
 from rigidmc.physics.integrators import integrators_for
-from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import physics
 from rigidmc.planning.tolerance.choose import check_quiet, choose_integrator
 from rigidmc.planning.tolerance.deviation import measure_growth, relative
 from rigidmc.planning.tolerance.pilot import Pilot, PilotStates, first_steps, integrate_pilot, pilot
+from rigidmc.planning.tolerance.truth import closed_pilot_states
 from rigidmc.planning.units import scale_scene
 from rigidmc.processes.progress import reporter
 from rigidmc.results.labels import count_text
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.scene import Scene
-from rigidmc.version import VERSION
 
 TIMES = 32  # number of times at which states are compared
 _CYCLE = (0.5, 0.5, 0.5, 0.5)  # body axes relabelled 1 -> 3 -> 2
@@ -60,13 +59,8 @@ def pilot_of(scene: Scene, count: int) -> Pilot:
     shown = scene.with_run(
         every=end / TIMES, save=("momentum", "attitude"), members=min(scene.run.members, count)
     )
-    checked: Pilot = pilot(shown, count)._replace(
-        base=TIMES,
-        stride=1,
-        times=end * np.arange(1, TIMES + 1) / TIMES,
-        member_steps=scene.run.turn is not None,
-    )
-    return checked
+    times, has_steps = end * np.arange(1, TIMES + 1) / TIMES, scene.run.turn is not None
+    return pilot(shown, count)._replace(base=TIMES, stride=1, times=times, member_steps=has_steps)
 
 
 def steps_of(pilot: Pilot, plan: Plan) -> int:
@@ -82,14 +76,14 @@ class Runs:
 
     def __init__(self, pilot: Pilot, integrator: str, steps: int, report: Any) -> None:
         self.pilot, self.integrator, self.steps, self.report = pilot, integrator, steps, report
-        if integrator == "closed":
-            self.states = _closed(pilot)
-        else:
-            self.states = self.follow(pilot, integrator, steps)
+        is_closed = integrator == "closed"
+        self.states = (
+            closed_pilot_states(pilot) if is_closed else self.follow(pilot, integrator, steps)
+        )
 
     def follow(self, pilot: Pilot, integrator: str, steps: int) -> PilotStates:
         """Integrate a pilot, report progress, and return its PilotStates."""
-        states: PilotStates = integrate_pilot(pilot, integrator, steps)
+        states = integrate_pilot(pilot, integrator, steps)
         self.report.step(1)
         self.report.poll()
         return states
@@ -110,7 +104,7 @@ class Runs:
         if not any(argument_names(e, "torque") & {"l", "t"} for e in self.pilot.scene.effects):
             yield Check("there and back", "accuracy", self.there_and_back())
         with contextlib.suppress(SceneError):
-            yield Check("closed form", "accuracy", self.error(_closed(self.pilot)))
+            yield Check("closed form", "accuracy", self.error(closed_pilot_states(self.pilot)))
 
     def error(self, states: PilotStates) -> Errors:
         """Return the distance of the judged run from other states."""
@@ -140,15 +134,12 @@ class Runs:
             return
         q, l = block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.EXTRA]
         body, _ = physics(effects, block)
-        moments = 1.0 / np.array([body.i1, body.i2, body.i3])
-        static = np.array([body.p1, body.p2, body.p3])
+        moments, static = 1.0 / np.array(body[:3]), np.array([body.p1, body.p2, body.p3])
         permuted = block.copy()
         permuted[layout.MOMENTUM : layout.EXTRA] = np.roll(l, 1, 0)  # axis 1 becomes axis 2, ...
         permuted[: layout.MOMENTUM] = multiply(tuple(q), _BACK)
-        permuted_body = MassProperties.of(
-            tuple(np.roll(moments, 1, 0)), tuple(np.roll(static, 1, 0))
-        )
-        permuted[layout.BODY : layout.EFFECTS] = permuted_body[:BODY_NUMBERS]
+        numbers = MassProperties.of(*(tuple(np.roll(x, 1, 0)) for x in (moments, static)))
+        permuted[layout.BODY : layout.EFFECTS] = numbers[:BODY_NUMBERS]
         states = self.from_block(permuted)
         back = np.stack(multiply(tuple(np.moveaxis(states.q, 1, 0)), _CYCLE), 1)
         yield "permuted axes", PilotStates(back, np.roll(states.l, -1, 1), states.status)
@@ -173,32 +164,18 @@ class Runs:
         start = self.pilot.block[:, :count]
         q = np.concatenate([start[None, : layout.MOMENTUM], states.q[:-1]])[::-1]
         l = np.concatenate([start[None, layout.MOMENTUM : layout.EXTRA], states.l[:-1]])[::-1]
-        true = PilotStates(q, l, states.status)
-        error: Errors = np.maximum.accumulate(
-            _distance(PilotStates(back.q, -back.l, back.status), true)
-        )
-        return error
+        return _distance(back._replace(l=-back.l), PilotStates(q, l, states.status))
 
 
-def _closed(pilot: Pilot) -> PilotStates:
-    """Return the PilotStates of a pilot from the closed form; SceneError if there is none."""
-    case = closed_form(pilot.scene.model, pilot.sampler, pilot.first, pilot.members)
-    motion = case.motion(pilot.times)
-    q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
-    return PilotStates(q, l, np.zeros(pilot.members))
-
-
-def _distance(one: PilotStates, two: PilotStates) -> Errors:
+def _distance(states: PilotStates, true: PilotStates) -> Errors:
     """Return the larger error of momentum [relative to its largest size so far] and attitude [rad],
     as the largest so far at each time."""
     with np.errstate(all="ignore"):
-        size = np.maximum.accumulate(np.sqrt((two.l**2).sum(1)))
-        off = relative(np.sqrt(((one.l - two.l) ** 2).sum(1)), size)
-        angle = attitude_error(np.moveaxis(one.q, 1, -1), np.moveaxis(two.q, 1, -1))
-    largest: Errors = np.maximum.accumulate(
-        np.nan_to_num(np.maximum(off, angle), nan=math.inf, posinf=math.inf)
-    )
-    return largest
+        size = np.maximum.accumulate(np.sqrt((true.l**2).sum(1)))
+        off = relative(np.sqrt(((states.l - true.l) ** 2).sum(1)), size)
+        angle = attitude_error(np.moveaxis(states.q, 1, -1), np.moveaxis(true.q, 1, -1))
+    largest = np.nan_to_num(np.maximum(off, angle), nan=math.inf, posinf=math.inf)
+    return np.asarray(np.maximum.accumulate(largest))
 
 
 MEMBERS, FEW = 64, 32  # members checked, and with `quick`
@@ -210,7 +187,8 @@ def trust(
     quick: bool = False,
     progress: bool | Callable[[int, int], object] = False,
 ) -> xr.Dataset:
-    """Run the generic checks on a scene; return a Dataset over `check` and `time`.
+    """Run the generic checks on a scene; return a Dataset over `check` and `time`, which
+    `rigidmc.stress` describes.
 
     scene : with the integrator and step to judge;  quick : fewer members
     progress : as in `rigidmc.simulate`
@@ -218,10 +196,6 @@ def trust(
     Checks of accuracy: half the step, another integrator with a short step, the closed form if
     there is one, there and back. Checks of rounding compute the same motion with different numbers:
     other units, permuted axes, space rotated about the vertical.
-    Variables: error (of the worst member) and error_median, the larger of the errors of momentum
-    [relative] and attitude [rad]; `tells` over check. Attributes: verdict, digits (correct for all
-    members up to t_end), horizon [s] (after which fewer than two are correct), chaotic_share,
-    flagged.
     Raises SceneError for a scene that cannot run.
     """
     check_quiet(scene)
@@ -232,22 +206,7 @@ def trust(
         runs = Runs(first, scene.run.integrator, steps_of(first, plan), report)
         checks = list(runs.checks())
     factor, rate = measure_growth(pilot_of(scene, min(first.members, FEW)))
-    return _dataset(scene, plan, first, checks, runs.states.status != 0, factor, rate)
-
-
-def _dataset(
-    scene: Scene,
-    plan: Plan,
-    pilot: Pilot,
-    checks: list[Check],
-    flagged: NDArray[np.bool_],
-    factor: NDArray[np.float64],
-    rate: NDArray[np.float64],
-) -> xr.Dataset:
-    """Return the Dataset of a study.
-
-    factor, rate : growth of a disturbance, see `measure_growth`
-    """
+    flagged = runs.states.status != 0
     shown = flagged if flagged.all() else ~flagged
     worst = np.array([check.error[:, shown].max(1) for check in checks])
     median = np.array([np.median(check.error[:, shown], axis=1) for check in checks])
@@ -259,17 +218,16 @@ def _dataset(
     }
     coordinates = {
         "check": np.array([check.name for check in checks], dtype=object),
-        "time": ("time", pilot.times, {"units": "s"}),
+        "time": ("time", first.times, {"units": "s"}),
     }
     attrs = {
         "title": scene.title,
-        "source": f"rigidmc {VERSION}",
         "scene": scene.dumps(),
         "integrator": scene.run.integrator,
         "step": f"turn = {scene.run.turn:g} rad"
         if plan.has_member_steps
         else f"dt = {plan.grid.dt:.6g} s",
-        "members": pilot.members,
+        "members": first.members,
         "flagged": int(flagged.sum()),
         "chaotic_share": float(np.mean(rate > 0.0)),
         "growth": float(np.median(factor)),
@@ -319,7 +277,7 @@ def table(study: xr.Dataset) -> list[str]:
     """Return lines of text: each check at a quarter, half and all of the time, and the verdict."""
     a, t = study.attrs, study.time.values
     at = [len(t) // 4 - 1, len(t) // 2 - 1, len(t) - 1]
-    members = f"{a['members']} member{'s' * (a['members'] > 1)}"
+    members = count_text(a["members"], "member")
     lines = [
         f"{a['title']}: {a['integrator']}, {a['step']}, {members}; worst of them (median) at t =",
         f"{'':32s}" + "".join(f"{f'{t[i]:.4g} s':>22s}" for i in at),
@@ -330,8 +288,7 @@ def table(study: xr.Dataset) -> list[str]:
         cells = [f"{worst[i]:.1e} ({median[i]:.1e})" for i in at]
         lines.append(f"{name:32s}" + "".join(f"{cell:>22s}" for cell in cells))
     if a["flagged"]:
-        of_all = f"{a['flagged']} of {count_text(a['members'], 'member')}"
-        lines.append(f"{of_all} become non-finite and are left out")
+        lines.append(f"{a['flagged']} of {members} become non-finite and are left out")
     if a["chaotic_share"] > 0.0:
         share = f"{100 * a['chaotic_share']:.0f} % of the members"
         words = "errors grow faster than a power of time (chaos, or a separatrix nearby)"
