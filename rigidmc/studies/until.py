@@ -15,6 +15,7 @@ from rigidmc.files.outputs import refuse_existing
 from rigidmc.inputs.amounts import read_count
 from rigidmc.results.labels import count_text
 from rigidmc.results.variables import variables_of
+from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.quantities import count_rows
@@ -52,12 +53,12 @@ def goal(text: str, variables: Variables) -> Goal:
 
     variables : of a result;  raises OptionError if the text does not have this form
     """
-    parts = _SIGN.split(text.strip())
-    width = _WIDTH.fullmatch(parts[1]) if len(parts) == 2 else None
+    name, *ends = _SIGN.split(text.strip())
+    width = _WIDTH.fullmatch(ends[0]) if len(ends) == 1 else None
     if width is None or not float(width[1]) > 0.0:
         raise OptionError(RULE, at="run.until", value=text)
     half = float(width[1]) / (100.0 if width[2] else 1.0)
-    return Goal(measure(parts[0], variables), half, bool(width[2]))
+    return Goal(measure(name, variables), half, bool(width[2]))
 
 
 @takes_scene
@@ -135,18 +136,17 @@ def simulate_until(
         refuse_existing(output, force)
     scene = save_for_measures(scene.with_run(**options), [_SIGN.split(until)[0]])
     _refuse_no_sample(scene, until)
-    lean = without_saves(scene)
+    run = prepare_scene(without_saves(scene))
     if (count := count_rows(*scene.model.quantities())) is not None:
         most = min(most, count - scene.run.first)
-    size, interval = _grown(
-        lean, until, goal(until, variables_of(lean)), most, confidence, threads, device, progress
-    )
+    sample = _Sample(run, goal(until, variables_of(run.scene)), confidence, threads, device)
+    size, interval = sample.grow(until, most, progress)
     if not is_goal_reached(until, interval):
         reached = f"{interval.value:.6g} +- {interval.half:.2g} by {count_text(size, 'member')}"
         rule = f"{until} is not reached: {reached}, the most allowed"
         warnings.warn(rule, SceneWarning, stacklevel=2)
     ends = f"{interval.low:.10g} to {interval.high:.10g}{interval.lacking()}"
-    result = simulate(
+    result = simulate(  # the scene with its saves, which the rounds leave out
         scene,
         members=range(scene.run.first, scene.run.first + size),
         threads=threads,
@@ -180,56 +180,56 @@ def without_saves(scene: Scene) -> Scene:
     return lean
 
 
-def _grown(
-    scene: Scene,
-    until: str,
-    wanted: Goal,
-    most: int,
-    confidence: float,
-    threads: int | None,
-    device: str | None,
-    progress: Callable[[int, Estimate], object] | None,
-) -> tuple[int, Estimate]:
-    """Return (members, Estimate) when the goal is reached, or at `most` members."""
-    values, who = np.empty(0), np.empty(0, bool)
-    known, size, first = 0, min(FIRST, most), scene.run.first
-    while True:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SceneWarning)
-            members = range(first + known, first + size)
-            part = simulate(scene, members=members, threads=threads, device=device)
-        values = np.append(values, wanted.measure.values(part))
-        who = np.append(who, wanted.measure.asks(part))
-        interval = wanted.measure.interval(values, who, confidence).each(float)
-        wanted.measure.refuse_unknown(interval)
-        if progress is not None:
-            progress(size, interval)
-        if is_goal_reached(until, interval):
-            return size, interval
-        if wanted.measure.kind == "quantile" and interval.low == interval.until:
-            rule = f"is later than {interval.until:g} s, the end of the run"
-            raise OptionError(f"{rule}: give a longer t_end", at="run.until", value=until)
-        if known == 0:
-            _check_first(until, wanted, interval, size)
-        if size >= most:
-            return size, interval
-        needed = members_for(
-            wanted.measure, interval, size, wanted.half_at(interval.value), confidence
-        )
-        needed = FIRST * math.ceil(SURE * needed / FIRST)
-        if known == 0 and needed > most:
-            by = f"by the first {size:,} ({interval.value:.4g} +- {interval.half:.2g})"
-            rule = f"needs about {needed:,} members {by}, more than the limit of {most:,}"
-            raise OptionError(rule, at="run.until", value=until)
-        known, size = size, min(most, max(needed, size + FIRST))
+class _Sample(NamedTuple):
+    """An ensemble that grows, and the goal of its measure."""
+
+    run: PreparedRun
+    goal: Goal
+    confidence: float
+    threads: int | None
+    device: str | None
+
+    def grow(
+        self, until: str, most: int, progress: Callable[[int, Estimate], object] | None
+    ) -> tuple[int, Estimate]:
+        """Return (members, Estimate) when the goal is reached, or at `most` members."""
+        values, who, asked = np.empty(0), np.empty(0, bool), self.goal.measure
+        before, size, first = 0, min(FIRST, most), self.run.scene.run.first
+        while True:
+            with warnings.catch_warnings(action="ignore", category=SceneWarning):
+                members = range(first + before, first + size)
+                part = self.run.run(members=members, threads=self.threads, device=self.device)
+            values = np.append(values, asked.values(part))
+            who = np.append(who, asked.asks(part))
+            interval = asked.interval(values, who, self.confidence).each(float)
+            asked.refuse_unknown(interval)
+            if progress is not None:
+                progress(size, interval)
+            if is_goal_reached(until, interval):
+                return size, interval
+            if asked.kind == "quantile" and interval.low == interval.until:
+                rule = f"is later than {interval.until:g} s, the end of the run"
+                raise OptionError(f"{rule}: give a longer t_end", at="run.until", value=until)
+            if before == 0:
+                _check_first(until, self.goal, interval, size)
+            if size >= most:
+                return size, interval
+            half = self.goal.half_at(interval.value)
+            needed = members_for(asked, interval, size, half, self.confidence)
+            needed = FIRST * math.ceil(SURE * needed / FIRST)
+            if before == 0 and needed > most:
+                by = f"by the first {size:,} ({interval.value:.4g} +- {interval.half:.2g})"
+                rule = f"needs about {needed:,} members {by}, more than the limit of {most:,}"
+                raise OptionError(rule, at="run.until", value=until)
+            before, size = size, min(most, max(needed, size + FIRST))
 
 
-def _check_first(until: str, wanted: Goal, interval: Estimate, size: int) -> None:
+def _check_first(until: str, goal: Goal, interval: Estimate, size: int) -> None:
     """Raise OptionError if the first round shows that no number of members reaches the goal."""
     if np.isnan(interval.value):
-        rule = f"none of the first {count_text(size, 'member')} has a {wanted.measure.result.name}"
+        rule = f"none of the first {count_text(size, 'member')} has a {goal.measure.result.name}"
         raise OptionError(rule, at="run.until", value=until)
-    if wanted.half_at(interval.value) == 0.0:
+    if goal.half_at(interval.value) == 0.0:
         rule = f"is 0 for the first {size:,} members, so a relative width is 0"
         raise OptionError(f"{rule}; give an absolute width", at="run.until", value=until)
 
@@ -314,8 +314,9 @@ def estimate_rqmc(
     asked = measure(text, variables_of(scene))
     values: list[float] = []
     for i in range(randomisations):
+        # another seed makes other points: each is a scene of its own
         part = simulate(scene, seed=scene.run.seed + i, threads=threads, device=device)
-        found = asked.interval(asked.values(part), asked.asks(part), confidence).each(float)
-        asked.refuse_unknown(found)
-        values.append(found.value)
+        interval = asked.interval(asked.values(part), asked.asks(part), confidence).each(float)
+        asked.refuse_unknown(interval)
+        values.append(interval.value)
     return mean(np.array(values), confidence=confidence)
