@@ -80,23 +80,12 @@ class FreeOrbit(NamedTuple):
 class FreeOrbitFormula(NamedTuple):
     """Formula for the FreeOrbit of principal moments, body momentum and attitude at t = 0."""
 
-    i1: float
-    i2: float
-    i3: float
-    l1: float
-    l2: float
-    l3: float
-    q0: float
-    q1: float
-    q2: float
-    q3: float
+    moments: Any = (0.0,) * 3
+    l: Any = (0.0,) * 3
+    q: Any = (0.0,) * 4
 
     def values(self):
-        return make_free_orbit(
-            (self.i1, self.i2, self.i3),
-            (self.l1, self.l2, self.l3),
-            (self.q0, self.q1, self.q2, self.q3),
-        )
+        return make_free_orbit(self.moments, self.l, self.q)
 
 
 def size_and_direction(l):
@@ -250,21 +239,23 @@ def free_state(o, t):
     return q, scale(o.size, relabel(last, first, u))
 
 
-class Phase(NamedTuple("Phase", FreeOrbit.__annotations__.items())):  # type: ignore[misc]
+class Phase(NamedTuple):
     """Formula for sense (Theta + chi) of a FreeOrbit at t = 0."""
 
+    orbit: Any = FreeOrbit(*[0.0] * len(FreeOrbit._fields))
+
     def values(self):
-        return (direction_and_phase(self, 0.0)[1],)
+        return (direction_and_phase(self.orbit, 0.0)[1],)
 
 
-_FIELDS = [*FreeOrbit.__annotations__.items(), ("t", float)]
-
-
-class FreeStateFormula(NamedTuple("FreeStateFormula", _FIELDS)):  # type: ignore[misc]
+class FreeStateFormula(NamedTuple):
     """Formula for attitude and momentum of a FreeOrbit at time t."""
 
+    orbit: Any = FreeOrbit(*[0.0] * len(FreeOrbit._fields))
+    t: float = 0.0
+
     def values(self):
-        q, l = free_state(self, self.t)
+        q, l = free_state(self.orbit, self.t)
         return q + l
 
 

@@ -92,8 +92,8 @@ def _orbits(
         ("moments", moments, 3), ("momentum", momentum, 3), ("attitude", quaternion(attitude), 4)
     )
     columns = np.concatenate(arrays)
-    table = evaluate(FreeOrbitFormula, len(FreeOrbit._fields), columns).T.copy()
-    table[:, FreeOrbit._fields.index("phase")] = evaluate(Phase, 1, table.T)[0]
+    table = evaluate(FreeOrbitFormula(), len(FreeOrbit._fields), columns).T.copy()
+    table[:, FreeOrbit._fields.index("phase")] = evaluate(Phase(), 1, table.T)[0]
     table[bad] = np.nan
     return table, shape, bad
 
@@ -142,7 +142,7 @@ def solve_free_top(
     """
     table, bodies, _ = _orbits(moments, momentum, attitude)
     shape, index, times = spread(bodies, t)
-    values = evaluate(FreeStateFormula, 7, times[None], table, index).reshape(7, *shape)
+    values = evaluate(FreeStateFormula(), 7, times[None], table, index).reshape(7, *shape)
     q, l = np.moveaxis(values[:4], 0, -1), np.moveaxis(values[4:], 0, -1)
     return Motion(l, l / floats(moments, "moments"), q)
 

@@ -85,25 +85,14 @@ class LagrangeOrbit(NamedTuple):
 class LagrangeOrbitFormula(NamedTuple):
     """Formula for the LagrangeOrbit of A, C, k = m g l >= 0, momentum and attitude at t = 0."""
 
-    a: float
-    c: float
-    k: float
-    l1: float
-    l2: float
-    l3: float
-    q0: float
-    q1: float
-    q2: float
-    q3: float
+    a: float = 0.0
+    c: float = 0.0
+    k: float = 0.0
+    l: Any = (0.0,) * 3
+    q: Any = (0.0,) * 4
 
     def values(self):
-        return make_lagrange_orbit(
-            self.a,
-            self.c,
-            self.k,
-            (self.l1, self.l2, self.l3),
-            (self.q0, self.q1, self.q2, self.q3),
-        )
+        return make_lagrange_orbit(self.a, self.c, self.k, self.l, self.q)
 
 
 class Amplitude(NamedTuple):
@@ -282,14 +271,14 @@ def lagrange_state(o, t):
     return q, (-r * (im * across + re * speed), r * (re * across - im * speed), o.spin)
 
 
-_FIELDS = [*LagrangeOrbit.__annotations__.items(), ("t", float)]
-
-
-class LagrangeStateFormula(NamedTuple("LagrangeStateFormula", _FIELDS)):  # type: ignore[misc]
+class LagrangeStateFormula(NamedTuple):
     """Formula for attitude and momentum of a LagrangeOrbit at time t."""
 
+    orbit: Any = LagrangeOrbit(*[0.0] * len(LagrangeOrbit._fields))
+    t: float = 0.0
+
     def values(self):
-        q, l = lagrange_state(self, self.t)
+        q, l = lagrange_state(self.orbit, self.t)
         return q + l
 
 

@@ -77,7 +77,7 @@ def _orbits(
     q = np.where(below, np.stack(multiply((0.0, 1.0, 0.0, 0.0), q)), q)
     rows = np.concatenate([i[[0, 2]], np.abs(k)[None], l, q])
     rows[:, bad] = np.nan
-    table = evaluate(LagrangeOrbitFormula, len(LagrangeOrbit._fields), rows).T.copy()
+    table = evaluate(LagrangeOrbitFormula(), len(LagrangeOrbit._fields), rows).T.copy()
     table[bad] = np.nan
     return table, rows, shape, bad, below
 
@@ -136,7 +136,7 @@ def solve_lagrange_top(
     """
     table, _, tops, _, below = _orbits(moments, weight, momentum, attitude, axis)
     shape, index, times = spread(tops, t)
-    values = evaluate(LagrangeStateFormula, 7, times[None], table, index)
+    values = evaluate(LagrangeStateFormula(), 7, times[None], table, index)
     values[:, np.isnan(times)] = np.nan  # L_3 needs no time
     q = values[:4]
     with np.errstate(invalid="ignore"):  # a motion too fast for floats is nan

@@ -63,7 +63,7 @@ def test_fields_come_from_a_table_by_index():
 def test_closed_forms_are_packed_arithmetic():
     words = "vdivpd", "vdivsd", "vmulpd", "vmulsd"
     for formula in (FreeStateFormula, LagrangeStateFormula):
-        parts = (formula(*[0.0] * len(formula._fields)),)
+        parts = (formula(),)
         code = assembly_of_key(KernelKey(fill, parts, "float64", WIDTH, FILL))
         packed, scalar, multiplied, one_by_one = (
             len(re.findall(rf"\b{word}\b", code)) for word in words
