@@ -135,6 +135,12 @@ def check_quaternion_rows(array: NDArray[Any], at: str) -> None:
         raise two_ways(array.shape, at, "quat")
 
 
+def as_tuples(values: Any) -> Any:
+    """Return an array, or nested lists, as a number or nested tuples of numbers."""
+    values = values.tolist() if isinstance(values, np.ndarray) else values
+    return tuple(map(as_tuples, values)) if isinstance(values, list) else values
+
+
 def check_rows(bad: ArrayLike, rule: str, at: str = "input") -> None:
     """Raise SceneError if all elements are bad; warn with their count if some are, because the
     result has nan for them."""

@@ -17,7 +17,7 @@ from rigidmc.errors import unknown
 from rigidmc.inputs.arrays import floats
 from rigidmc.mechanics.euler_angles import SEQUENCES
 from rigidmc.mechanics.euler_rates import euler_rate_matrix
-from rigidmc.mechanics.rotation import hat
+from rigidmc.mechanics.rotation import hat, vee
 
 Potential = Callable[[NDArray[Any]], Any]
 Coordinates = str | Callable[[NDArray[Any]], ArrayLike]
@@ -64,9 +64,7 @@ def rate_matrix(coordinates: Coordinates, q: ArrayLike) -> NDArray[Any]:
     columns = []
     a = matrix(coordinates, floats(q, "q"))
     for slope in _slopes(lambda x: matrix(coordinates, x), q, "coordinates A(q)"):
-        m = np.swapaxes(a, -1, -2) @ slope
-        one, two = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0]
-        columns.append(0.5 * np.stack([one, two, m[..., 1, 0] - m[..., 0, 1]], -1))
+        columns.append(vee(np.swapaxes(a, -1, -2) @ slope))
     return np.stack(columns, -1)
 
 

@@ -223,12 +223,12 @@ def angular_velocity(matrix: _Floats, rate: _Floats) -> _Floats:
     TdC (3.7)-(3.9); TdC's A'^T A is the transpose of this. Only the antisymmetric part counts: the
     part of dA/dt that leaves the group of rotations is ignored.
     """
-    return _vee(np.swapaxes(matrix, -1, -2) @ rate)
+    return vee(np.swapaxes(matrix, -1, -2) @ rate)
 
 
 def angular_velocity_space(matrix: _Floats, rate: _Floats) -> _Floats:
     """Return omega (..., 3) [rad/s] in space components: hat(omega_space) = dA/dt A^T."""
-    return _vee(rate @ np.swapaxes(matrix, -1, -2))
+    return vee(rate @ np.swapaxes(matrix, -1, -2))
 
 
 def angular_velocity_of_series(
@@ -273,7 +273,7 @@ def hat(v: ArrayLike) -> NDArray[Any]:
     return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
-def _vee(m: _Floats) -> _Floats:
+def vee(m: _Floats) -> _Floats:
     """Return the vectors v (..., 3) whose hat(v) is the antisymmetric part of matrices."""
     one, two = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0]
     vector: _Floats = 0.5 * np.stack([one, two, m[..., 1, 0] - m[..., 0, 1]], -1)

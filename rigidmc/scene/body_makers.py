@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rigidmc.errors import SceneError, nearest, unknown
-from rigidmc.inputs.arrays import as_plain_arrays, floats
+from rigidmc.inputs.arrays import as_plain_arrays, as_tuples, floats
 from rigidmc.inputs.labelled import Wanted
 from rigidmc.mechanics import inertia, solids
 from rigidmc.scene import shape
@@ -26,7 +26,7 @@ from rigidmc.scene.inertia_about import (
 )
 from rigidmc.scene.quantities import is_shared, quantity, vector
 from rigidmc.scene.shape import Shape
-from rigidmc.scene.stated import NO_RATE, Stated, as_tuples
+from rigidmc.scene.stated import NO_RATE, Stated
 from rigidmc.scene.units import in_si, size_units
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.tensors import TensorRows

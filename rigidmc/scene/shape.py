@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import SceneError, unknown
 from rigidmc.files.reading import MESHES, sha256_of
-from rigidmc.inputs.arrays import floats
+from rigidmc.inputs.arrays import as_tuples, floats
 from rigidmc.mechanics import rotation
 from rigidmc.mechanics.solids import COMPONENTS, SOLIDS
 
@@ -143,12 +143,12 @@ def _size(solid: str, key: str, value: Any) -> Any:
         array = _numbers(key, value, (np.shape(value)[:1] or (1,)) + columns)
         if key == "faces" and not (array == np.floor(array)).all():
             raise SceneError("expected indices of corners", at=f"body.shape.{key}")
-        return _tuples(array.astype(int) if key == "faces" else array)
+        return as_tuples(array.astype(int) if key == "faces" else array)
     count = COMPONENTS.get((solid, key))
     array = _numbers(key, value, () if count is None else (count,))
     if not (array > 0.0).all():
         raise SceneError("must be positive", at=f"body.shape.{key}", value=value)
-    return _tuples(array)
+    return as_tuples(array)
 
 
 def _numbers(key: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
@@ -188,7 +188,7 @@ def shape_of_mesh(triangles: NDArray[np.float64]) -> ShapePart:
     faces = index.reshape(-1, 3)
     a, b, c = faces.T
     faces = np.unique(faces[(a != b) & (b != c) & (c != a)], axis=0)
-    return ShapePart("mesh", {"corners": _tuples(means.round(digits)), "faces": _tuples(faces)})
+    return ShapePart("mesh", {"corners": as_tuples(means.round(digits)), "faces": as_tuples(faces)})
 
 
 def shape_of_mesh_file(file: str, scale: float) -> ShapePart:
@@ -203,14 +203,16 @@ def shape_of_particles(masses: NDArray[np.float64], positions: NDArray[np.float6
     """Return the shape of particles with masses (N,) at positions (N, 3); () if too many."""
     if masses.size > MOST_CORNERS:
         return ()
-    return (ShapePart("particles", {"masses": _tuples(masses), "positions": _tuples(positions)}),)
+    return (
+        ShapePart("particles", {"masses": as_tuples(masses), "positions": as_tuples(positions)}),
+    )
 
 
 def shape_of_region(region: Any) -> Shape:
     """Return the shape of a region of `Body.from_density`, a box or a cylinder; () for others."""
     if region[0] == "box":
         low, high = np.array(region[1:], dtype=float).T
-        size, at = _tuples(high - low), _tuples(0.5 * (high + low))
+        size, at = as_tuples(high - low), as_tuples(0.5 * (high + low))
         return (ShapePart("box", {"size": size}, at),)
     if region[0] == "cylinder":
         _, radius, (low, high) = region
@@ -223,15 +225,6 @@ def join_shapes(one: Shape, other: Iterable[ShapePart], hole: bool) -> Shape:
     """Join two shapes, the other already placed; () if one of them is unknown."""
     parts = tuple(part._replace(hole=part.hole != hole) for part in other)
     return (*one, *parts) if one and parts else ()
-
-
-def _tuples(array: NDArray[Any]) -> Any:
-    """Return an array as a number or as tuples of numbers."""
-
-    def tuples(value: Any) -> Any:
-        return tuple(map(tuples, value)) if isinstance(value, list) else value
-
-    return tuples(array.tolist())
 
 
 def _listed(value: Any) -> Any:

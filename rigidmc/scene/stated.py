@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import as_tuples
 from rigidmc.mechanics.inertia import shift
 from rigidmc.scene.inertia_about import ASSUMED_MASS, mass_and_centre
 
@@ -169,12 +170,6 @@ def refused_numbers(stated: Stated | str | None) -> dict[str, str]:
     # of the centre and of the mass, of which the moved tensor depends, too
     names += [f"body.tensor.covariance.{i}.{j}" for j in range(7, 11) for i in range(1, j + 1)]
     return dict.fromkeys(names, NO_RATE) if stated == NO_RATE else {}
-
-
-def as_tuples(values: Any) -> Any:
-    """Return an array, or nested lists, as a number or nested tuples of numbers."""
-    values = values.tolist() if isinstance(values, np.ndarray) else values
-    return tuple(map(as_tuples, values)) if isinstance(values, list) else values
 
 
 def _mass(stated: Stated) -> float:

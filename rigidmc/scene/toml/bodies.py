@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import as_tuples
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.scene.body import Body
 from rigidmc.scene.inertia_about import is_about_centre
 from rigidmc.scene.quantities import is_shared, vector
 from rigidmc.scene.shape import read_shape
-from rigidmc.scene.stated import NO_RATE, ORIGIN, Stated, as_tuples
+from rigidmc.scene.stated import NO_RATE, ORIGIN, Stated
 from rigidmc.scene.toml.values import (
     DataSources,
     check_keys,

@@ -85,24 +85,9 @@ def read_quantity(value: Any, at: str, stored: DataSources) -> Any:
         return tuple(parts) if any(isinstance(part, np.ndarray) for part in parts) else parts
     if not isinstance(value, dict):
         return value
-    if "unit" in value or "value" in value:
-        return read_measured(value, at, lambda inner: read_quantity(inner, at, stored))
-    if "stored" in value:
-        return _rows_of(value, at, stored.of_result)
-    if "table" in value:
-        return _columns_of(value, at, stored.folder)
-    if "grid" in value:
-        check_keys(value, ("grid", "stride", "log"), at)
-        if not isinstance(value["grid"], list) or len(value["grid"]) != 3:
-            raise SceneError("expected grid = [low, high, count]", at=at, value=value)
-        more = {k: v for k, v in value.items() if k != "grid"}
-        return _named(at, value, grid, *value["grid"], **more)
-    if "between" in value:
-        return _truncated(value, at, stored)
-    if "mixture" in value:
-        return _mixture(value, at, stored)
-    if "module" in value:
-        return _own_law(value, at, stored)
+    for key, read in _READERS.items():
+        if key in value:
+            return read(value, at, stored)
     if len(value) != 1:
         rule = "expected a number or one distribution, e.g. { normal = [0.0, 0.001] }"
         words = [nearest(word, ["between", "mixture", "grid", "unit"]) for word in value]
@@ -120,6 +105,19 @@ def read_quantity(value: Any, at: str, stored: DataSources) -> Any:
         return _named(at, value, distribution, name, **parameters)
     several = parameters if isinstance(parameters, list) else [parameters]
     return _named(at, value, distribution, name, *several)
+
+
+def _measured(value: dict[str, Any], at: str, stored: DataSources) -> Any:
+    return read_measured(value, at, lambda inner: read_quantity(inner, at, stored))
+
+
+def _grid(value: dict[str, Any], at: str, stored: DataSources) -> Grid:
+    """Return a grid; SceneError."""
+    check_keys(value, ("grid", "stride", "log"), at)
+    if not isinstance(value["grid"], list) or len(value["grid"]) != 3:
+        raise SceneError("expected grid = [low, high, count]", at=at, value=value)
+    more = {k: v for k, v in value.items() if k != "grid"}
+    return _named(at, value, grid, *value["grid"], **more)
 
 
 def read_measured(value: Any, at: str, read: Callable[[Any], Any]) -> Any:
@@ -213,7 +211,7 @@ def _no_such_law(name: str, value: Any, at: str) -> SceneError:
     )
 
 
-def _columns_of(value: dict[str, Any], at: str, folder: str) -> Any:
+def _columns_of(value: dict[str, Any], at: str, stored: DataSources) -> Any:
     """Return the column or columns of a file to which a value refers; SceneError."""
     single = "column" in value
     check_keys(value, ("table", "column" if single else "columns"), at)
@@ -222,7 +220,7 @@ def _columns_of(value: dict[str, Any], at: str, folder: str) -> Any:
     if not isinstance(names, list) or not words:
         rule = 'expected { table = "file.csv", columns = ["w1", "w2", "w3"] }, or column = "w1"'
         raise SceneError(rule, at=at, value=value)
-    columns = read_columns(folder, value["table"], names, at)
+    columns = read_columns(stored.folder, value["table"], names, at)
     if not single and len(columns) not in ((6,) if at == "body.tensor" else (3, 4)):
         rule = f"{len(columns)} columns: a vector has 3 components, a quaternion 4"
         rule += ", a tensor 6, xx, yy, zz, yz, zx, xy" if at == "body.tensor" else ""
@@ -236,16 +234,14 @@ def _columns_of(value: dict[str, Any], at: str, folder: str) -> Any:
     return columns[0] if single else columns
 
 
-def _rows_of(
-    value: dict[str, Any], at: str, of_result: Callable[[str], np.ndarray | None] | None
-) -> np.ndarray:
+def _rows_of(value: dict[str, Any], at: str, stored: DataSources) -> np.ndarray:
     """Return the rows of a result to which { stored = name, axis = i } refers; SceneError."""
-    if of_result is None:
+    if stored.of_result is None:
         rule = "refers to the rows of a result file; load that file instead"
         raise SceneError(rule, at=at, value=value)
     check_keys(value, ("stored", "axis"), at)
     name, axis = value["stored"], value.get("axis")
-    rows = of_result(name) if isinstance(name, str) else None
+    rows = stored.of_result(name) if isinstance(name, str) else None
     if rows is None or rows.dtype.kind != "f" or rows.ndim != (1 if axis is None else 2):
         raise SceneError("refers to rows that the result does not have", at=at, value=value)
     if axis is None:
@@ -267,6 +263,19 @@ def _named(
         return make(*arguments, **words)
     except RigidmcError as error:
         raise SceneError(error.rule, at=at, value=value, nearest=error.nearest) from None
+
+
+# {key of a table: its reader}, in this order; other tables are a distribution by its name
+_READERS: dict[str, Callable[[dict[str, Any], str, DataSources], Any]] = {
+    "unit": _measured,
+    "value": _measured,
+    "stored": _rows_of,
+    "table": _columns_of,
+    "grid": _grid,
+    "between": _truncated,
+    "mixture": _mixture,
+    "module": _own_law,
+}
 
 
 def as_toml(value: Any, name: str, axis: int | None = None) -> Any:
