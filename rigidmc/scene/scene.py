@@ -65,7 +65,7 @@ _GONE = {
     "histograms": _RECORDING,
     "observable": _RECORDING,
     "quantities": "scene.model.quantities() has them",
-    "rows_to_run": "rm.prepare(scene).plan.members is the number of members",
+    "rows_to_run": "rm.prepare(scene).members.size is the number of members",
     "drawn_through": 'results have it as the attribute "drawn"',
 }
 

@@ -128,7 +128,7 @@ def prepared(text):
 
 
 def test_the_good_scene_is_good():
-    assert prepared(GOOD).members == 100
+    assert prepared(GOOD).run.members == 100
 
 
 values = st.recursive(
