@@ -219,6 +219,18 @@ def test_a_setting_names_a_component():
             rm.Scene.load("heavy_top", [(key, "1")])
 
 
+def test_a_setting_names_a_component_of_a_vector_with_one_unit():
+    """`rigidmc show`, maps and sliders name start.omega.3 of such a scene: --set takes it, too."""
+    whole = {"start.omega": "[60.0, 0.0, 1500.0] rpm", "start.attitude": "[0.0, 30.0, 0.0] deg"}
+    parts = {"start.omega.3": "25 rev/s", "start.omega.2": "2.0", "start.attitude.theta": "20 deg"}
+    start = rm.Scene.load("heavy_top", {**whole, **parts}).start
+    turn = 2.0 * np.pi
+    assert start.omega == pytest.approx((turn, 2.0, 25.0 * turn), rel=1e-15)
+    assert start.attitude == pytest.approx((0.0, np.pi / 9.0, 0.0), rel=1e-15)
+    with pytest.raises(rm.SceneError, match="component from 1 to 3"):
+        rm.Scene.load("heavy_top", {**whole, "start.omega.x": "1"})
+
+
 def test_settings_override():
     scene = rm.Scene.load(
         "bruels_cardona",

@@ -126,6 +126,15 @@ def _put(components: list[Any], dotted: str, value: Any) -> None:
     components[int(word) - 1] = value
 
 
+def _with_own_units(table: Any) -> Any:
+    """Return a vector with one unit, { value = [...], unit = "rpm" }, as components that each have
+    it, so that one of them can be set; anything else unchanged."""
+    if not isinstance(table, dict) or not isinstance(table.get("value"), list):
+        return table
+    parts = [part if isinstance(part, dict) else {"value": part} for part in table["value"]]
+    return [{**part, "unit": table["unit"]} for part in parts] if "unit" in table else table
+
+
 def _value(text: Any) -> Any:
     """Return the value of a text: TOML, with numbers such as .5 and 1. allowed, or a plain word.
     Other Python values are returned unchanged."""
@@ -150,6 +159,8 @@ def _set(data: dict[str, Any], dotted: str, value: str) -> None:
     *tables, key = dotted.split(".")
     given = _value(value)
     for table in tables:
+        if table == tables[-1] and key not in ("value", "unit"):
+            data[table] = _with_own_units(data.get(table, {}))
         data = data.setdefault(table, {})
         if isinstance(data, list) and table == tables[-1]:
             _put(data, dotted, given)
