@@ -25,13 +25,9 @@ from rigidmc.results.layout import Axes, labels_of_works
 from rigidmc.results.variables import (
     NEWER,
     Variable,
-    derivative_variables,
-    ensemble_variables,
-    flagged_variables,
-    member_derivatives,
+    describe_variables,
     member_variables,
     parameter_variable,
-    saved_variables,
 )
 from rigidmc.scene.derivatives import parameters_of_run
 from rigidmc.scene.parameters import units_at
@@ -113,7 +109,7 @@ def check_result(dataset: xr.Dataset, path: str) -> tuple[xr.Dataset, list[str]]
     for name, (dims, values, attrs) in expected.items():
         if name in dataset.variables and values.dtype.kind != "U":
             _refuse_unlike(dataset[name], dims, values.dtype, attrs, sizes)
-    _refuse_members(dataset, scene)
+    _refuse_members(dataset, scene.run)
     _refuse_attributes(dataset.attrs, scene.run)
     strange = [
         str(name) for name in dataset.variables if name not in known and name not in expected
@@ -176,30 +172,18 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
             for name, unit in zip(parameters, units_at(model, parameters), strict=True)
         ),
     )
+    groups = describe_variables(model, run, recorded, axes.parameter_units, True)
     always = member_variables(model, run, recorded, False)
-    saved, flagged = saved_variables(scene.effects, recorded), flagged_variables(recorded)
-    known = {
-        **always,
-        **member_variables(model, run, recorded, True),
-        **member_derivatives(always, recorded, axes.parameter_units),
-        **saved,
-        **derivative_variables(saved, axes.parameter_units),
-        **ensemble_variables(recorded),
-        **flagged,
-        **derivative_variables(flagged, axes.parameter_units),
-    }
-    if (
-        scene.body.inertia_key == "tensor"
-    ):  # only the code defines which vectors are turned into each body
-        known = {
-            **{
-                f"{label}_{name}": parameter_variable(label, name, size, "1")
-                for label, effect in opaque
-                for name in effect._fields
-                if (size := shape(effect, name)) in (3, 6)
-            },
-            **known,
+    known = always | {name: one for group in groups.values() for name, one in group.items()}
+    if scene.body.inertia_key == "tensor":
+        # only the code defines which vectors are turned into each body
+        turned = {
+            f"{label}_{name}": parameter_variable(label, name, size, "1")
+            for label, effect in opaque
+            for name in effect._fields
+            if (size := shape(effect, name)) in (3, 6)
         }
+        known = turned | known
     for name in {
         f"{label}_{field}" for label, effect in opaque for field in effect._fields
     } & known.keys():
@@ -267,9 +251,9 @@ def _refuse_unlike(
         raise FileError("expected 1 to 15 significant digits", at=name, value=str(digits))
 
 
-def _refuse_members(dataset: xr.Dataset, scene: Scene) -> None:
+def _refuse_members(dataset: xr.Dataset, run: Run) -> None:
     """Raise FileError for members that the scene lacks, unordered times and unknown statuses."""
-    run, members = scene.run, dataset.member.values
+    members = dataset.member.values
     last = run.first + run.members - 1
     if members.min() < run.first or members.max() > last:
         raise FileError(f"the scene has the members {run.first:,} to {last:,}", at="member")

@@ -172,6 +172,25 @@ def member_variables(
     return {**variables, **_start_variables(model.start, has_attitude)}
 
 
+def describe_variables(
+    model: Model, run: Run, recording: Recording, units: Sequence[str], has_attitude: bool
+) -> dict[str, dict[str, Variable]]:
+    """Return all variables of a result, in the groups of a `ResultLayout`.
+
+    units : of the parameters of derivatives, see `derivative_variables`
+    has_attitude : whether the run integrates the attitude
+    """
+    by_member = member_variables(model, run, recording, has_attitude)
+    at_saves = saved_variables(model.effects, recording)
+    of_flagged = flagged_variables(recording)
+    return {
+        "by_member": by_member | member_derivatives(by_member, recording, units),
+        "at_saves": at_saves | derivative_variables(at_saves, units),
+        "of_ensemble": ensemble_variables(recording),
+        "of_flagged": of_flagged | derivative_variables(of_flagged, units),
+    }
+
+
 def variables_of(scene: Scene) -> dict[str, Variable]:
     """Return the variables by members of the results of a scene, without attitudes."""
     return member_variables(scene.model, scene.run, scene.recording, False)

@@ -15,14 +15,7 @@ from rigidmc.physics.integrators.protocol import Integrator
 from rigidmc.physics.observables.saving import thinned_indices
 from rigidmc.planning.plan import Plan
 from rigidmc.results.layout import Axes, ResultLayout, constant_variables, labels_of_works
-from rigidmc.results.variables import (
-    derivative_variables,
-    ensemble_variables,
-    flagged_variables,
-    member_derivatives,
-    member_variables,
-    saved_variables,
-)
+from rigidmc.results.variables import describe_variables
 from rigidmc.scene.parameters import units_at
 from rigidmc.scene.quantities import count_rows
 from rigidmc.scene.recording import Recording
@@ -52,8 +45,6 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
         **(UNCOMPILED if plan.scheme is not None and is_uncompiled() else {}),
     }
     units = units_at(scene.model, plan.wrt)
-    saved, of_flagged = saved_variables(model.effects, recorded), flagged_variables(recorded)
-    by_member = member_variables(model, run, recorded, plan.has_attitude)
     is_thinned = "thinned" in recorded.retained.values()
     return ResultLayout(
         scene=scene,
@@ -70,10 +61,7 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
         ),
         recording=recorded,
         saved=plan.saved,
-        by_member={**by_member, **member_derivatives(by_member, recorded, units)},
-        at_saves={**saved, **derivative_variables(saved, units)},
-        of_ensemble=ensemble_variables(recorded),
-        of_flagged={**of_flagged, **derivative_variables(of_flagged, units)},
+        **describe_variables(model, run, recorded, units, plan.has_attitude),
         constant=constant_variables(model),
         columns=plan.columns,
     )

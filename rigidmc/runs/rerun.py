@@ -25,6 +25,7 @@ from rigidmc.runs.directory.dataset import open_run
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.derivatives import derivative_name
+from rigidmc.scene.recording import Recording
 from rigidmc.scene.save_times import SaveTimes, read_every
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.scene.settings import Run
@@ -242,7 +243,7 @@ def _compared(again: xr.Dataset, result: xr.Dataset, scene: Scene, source: str) 
     if others:
         rule = f"of {source} were found by another method, not by tangents: not compared"
         warnings.warn(f"{', '.join(others)} {rule}", SceneWarning, stacklevel=3)
-    for pair in _pairs(again, result, scene):
+    for pair in _pairs(again, result, scene.recording):
         rounded = False
         if pair.name in others:
             continue
@@ -302,11 +303,11 @@ def _equal(pair: Pair, tolerance: float | None) -> bool:
     return bool(np.allclose(pair.again, pair.before, tolerance, 0.0, True))
 
 
-def _pairs(again: xr.Dataset, result: xr.Dataset, scene: Scene) -> Iterator[Pair]:
+def _pairs(again: xr.Dataset, result: xr.Dataset, recording: Recording) -> Iterator[Pair]:
     """Yield each variable that both results have, even if one stores only part of its saves."""
     over = set[str]()  # variables over all steps
     if again.sizes["time"]:
-        over = {name for label, one in scene.recording.monitored for name in outputs(label, one)}
+        over = {name for label, one in recording.monitored for name in outputs(label, one)}
         over |= set(map(derivative_name, over))
     parameters = [list(ds.parameter.values) if "parameter" in ds else [] for ds in (again, result)]
     for name in map(str, again.data_vars):

@@ -74,6 +74,8 @@ def unit_at(model: Model, name: str) -> str:
 
 def units_at(model: Model, names: Iterable[str]) -> tuple[str, ...]:
     """Return `unit_at` for each name."""
+    if not (names := tuple(names)):
+        return ()  # to list all parameters takes .2 of the 2.5 ms of a run of few members
     units: dict[str, str] = {}
     for word, one in parameters_of(model).items():
         units[word] = units[vector_of(word)] = one.unit

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, nearest
 from rigidmc.files.reading import toml
 from rigidmc.physics.dynamics.methods import argument_names
-from rigidmc.physics.observables import OBSERVABLES, find_observable, own
+from rigidmc.physics.observables import OBSERVABLES, own
 from rigidmc.physics.observables.protocol import DIMENSIONS
+from rigidmc.scene.recording import Recording
 from rigidmc.scene.sampling import is_sample_of
-from rigidmc.scene.scene import Scene
 from rigidmc.scene.toml.read import scene_text
 from rigidmc.statistics.intervals import Estimate
 from rigidmc.statistics.measures import Measure, measure
@@ -136,19 +136,19 @@ def rows_in_time(result: xr.Dataset, name: str) -> Array:
     return values.reshape(values.shape[0], -1, values.shape[-1])
 
 
-def component_of(scene: Scene, text: str, key: str) -> StateComponent:
+def component_of(recording: Recording, text: str, key: str) -> StateComponent:
     """Parse a text such as "omega[1]"; OptionError that names the option `key`."""
     text = text.strip()
     match = re.fullmatch(NAME, text)
     if match is None:
         raise OptionError("expected an observable: NAME or NAME[3]", at=key, value=text)
     name, component = match["name"], match["component"]
-    names = dict.fromkeys((*OBSERVABLES, *own(scene.observables), *scene.recording.recorded))
-    known = [word for word in names if of_the_state(scene, word)]
+    names = dict.fromkeys((*OBSERVABLES, *own(recording.observables), *recording.recorded))
+    known = [word for word in names if of_the_state(recording, word)]
     if name not in known:
         rule = f"no such observable of the state at save times; known: {', '.join(known)}"
         raise OptionError(rule, at=key, value=text, nearest=nearest(name, known))
-    dims = find_observable(scene.observables, name).dims
+    dims = recording.observable(name).dims
     labels = [str(label) for label in DIMENSIONS[dims[0]].labels] if dims else []
     if (component is None) == bool(labels) or (labels and component not in labels):
         rule = f"has the components {', '.join(labels)}" if labels else "has no components"
@@ -157,8 +157,8 @@ def component_of(scene: Scene, text: str, key: str) -> StateComponent:
     return StateComponent(name, labels.index(component) if labels else 0)
 
 
-def of_the_state(scene: Scene, name: str) -> bool:
+def of_the_state(recording: Recording, name: str) -> bool:
     """Whether an observable depends only on state and time, not on the start."""
-    observable = find_observable(scene.observables, name)
+    observable = recording.observable(name)
     needs = argument_names(observable, "value")
     return not needs & {"start", "works"} and "effect" not in observable.dims

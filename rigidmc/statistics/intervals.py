@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy import special
 
 from rigidmc.errors import OptionError, unknown
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.settings import Run
 
 METHODS = ("wilson", "clopper-pearson")
 WHOLE = 1e-12  # relative rounding up to which n q counts as an integer
@@ -317,9 +317,8 @@ def resolution(dtype: DTypeLike, steps: float = 1.0) -> float:
     return float(np.finfo(dtype).eps) * math.sqrt(max(1.0, steps))
 
 
-def resolution_of(scene: Scene) -> float:
-    """Return the relative resolution of final states of a scene."""
-    run = scene.run
+def resolution_of(run: Run) -> float:
+    """Return the relative resolution of the final states of a run."""
     return resolution(run.dtype, 1.0 if run.turn else run.t_end / run.dt)
 
 

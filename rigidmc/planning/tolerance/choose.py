@@ -83,21 +83,21 @@ def choose(
         raise SceneError(rule, at="run.tolerance", value=tolerance)
     check_quiet(scene)
     full = pilot(scene, members)
-    check_pilot(scene, full)
+    check_pilot(full)
     extent = plan_search(full, tolerance)
     if pilots := extent.words(scene.run.t_end):
         say(f"choosing integrator and step for a tolerance of {tolerance:g}: {pilots}")
     first = part_of(full, extent.members, extent.share)
     # errors grow at most as the square of the time, unless the motion is chaotic
     agreed = max(AGREED, AGREEMENT * tolerance * extent.share**2)
-    true, costs = make_reference(first, say, agreed), Costs(first)
-    known = upper_quantile(true.error)
+    true = make_reference(first, say, agreed)
+    costs, known = Costs(first, true), upper_quantile(true.error)
     if known > tolerance * extent.share:
         known /= extent.share
         why = f"the reference itself is known only to {known:.1e} ({true.source})"
         raise _unreachable(scene, tolerance, first, known, why)
     names = integrators or contenders(scene, tolerance)
-    ways, nearest = _ways(costs, true, tolerance, names, extent.share)
+    ways, nearest = _ways(costs, tolerance, names, extent.share)
     if not ways:
         raise _unreachable(scene, tolerance, first, nearest, "no integrator does better")
     ways.sort(key=costs.per_member)
@@ -105,7 +105,7 @@ def choose(
         member_steps=first.member_steps, effort=first.effort
     )
     second = part_of(second, extent.checked, extent.checked_share)
-    check = _Check(costs, true, second, tolerance, extent.checked_share)
+    check = _Check(costs, second, tolerance, extent.checked_share)
     spare = None  # keeps the tolerance on the second pilot, but too few members confirm it
     for way in ways:
         for _ in range(4):
@@ -135,7 +135,7 @@ def choose(
                 order = min(8.0, scene.known_integrators()[way.integrator].order)
                 factor = min(4.0, max(factor, excess ** (1.0 / order)))
             steps = first.base * math.ceil(factor * way.steps / first.base)
-            way = measure_candidate(costs, true, way.integrator, way.dtype, steps) or way
+            way = measure_candidate(costs, way.integrator, way.dtype, steps) or way
     if spare is not None:
         return spare
     raise _unreachable(scene, tolerance, first, nearest, "members beyond the pilot err more")
@@ -176,7 +176,7 @@ def _of_whole_run(choice: Choice, first: Pilot, full: Pilot) -> Choice:
 
 
 def _ways(
-    costs: Costs, true: Reference, tolerance: float, integrators: Iterable[str], share: float
+    costs: Costs, tolerance: float, integrators: Iterable[str], share: float
 ) -> tuple[list[Candidate], float]:
     """Return (cheapest Candidate of each integrator that keeps the tolerance, smallest error as it
     would grow until the end of the run).
@@ -184,7 +184,7 @@ def _ways(
     share : of the time, to the end of the pilot
     """
     dtype = "float64" if tolerance < SINGLE_REACHES else None
-    tried = candidates(costs.pilot, true, integrators, dtype)
+    tried = candidates(costs.pilot, costs.truth, integrators, dtype)
     kinds = costs.pilot.scene.known_integrators()
     # high orders first: they bound the cost of the others
     tried.sort(key=lambda way: (way[1] != "float64", -kinds[way[0]].order))
@@ -198,11 +198,11 @@ def _ways(
         def too_dear(way: Candidate, most: float = most) -> bool:
             return costs.per_member(way) > most
 
-        ways = ladder(costs, true, integrator, precision, limit, 2.0, too_dear=too_dear)
+        ways = ladder(costs, integrator, precision, limit, 2.0, too_dear=too_dear)
         grown = share ** -growth_power(costs.pilot, integrator)
         nearest = min([nearest, *(grown * way.upper for way in ways)])
         if ways and ways[-1].upper <= limit:
-            keeping.append(_refined(costs, true, ways, limit))
+            keeping.append(_refined(costs, ways, limit))
     return keeping, nearest
 
 
@@ -210,10 +210,8 @@ class _Check:
     """Check of candidates on a second pilot: closed forms by an integration, integrators by the
     reference of that pilot."""
 
-    def __init__(
-        self, costs: Costs, true: Reference, second: Pilot, tolerance: float, share: float
-    ) -> None:
-        self.true, self.second, self.tolerance, self.share = true, second, tolerance, share
+    def __init__(self, costs: Costs, second: Pilot, tolerance: float, share: float) -> None:
+        self.true, self.second, self.tolerance, self.share = costs.truth, second, tolerance, share
         first = costs.pilot
         self.longer = second.scene.run.t_end / first.scene.run.t_end
         # members of the second pilot may be faster, and then need more steps
@@ -260,13 +258,13 @@ class _Check:
 
     def _apart(self, way: Candidate, other: Reference) -> Array:
         steps = self._steps(way)
-        checked = measure_candidate(Costs(self.second), other, way.integrator, way.dtype, steps)
+        checked = measure_candidate(Costs(self.second, other), way.integrator, way.dtype, steps)
         if checked is None:  # the step is too long for a member of the second pilot
             return np.full(self.second.members, np.inf)
         return checked.errors["state"]
 
 
-def _refined(costs: Costs, true: Reference, ways: list[Candidate], limit: float) -> Candidate:
+def _refined(costs: Costs, ways: list[Candidate], limit: float) -> Candidate:
     """Find a cheaper candidate between the last that failed and the first that kept the limit, in
     two attempts, using the slope between them."""
     base, good = costs.pilot.base, ways[-1]
@@ -281,7 +279,7 @@ def _refined(costs: Costs, true: Reference, ways: list[Candidate], limit: float)
             break
         steps = base * math.ceil(good.steps / base * (good.upper / (0.9 * limit)) ** (1.0 / slope))
         steps = max(bad.steps + base, min(good.steps - base, steps))
-        way = measure_candidate(costs, true, good.integrator, good.dtype, steps)
+        way = measure_candidate(costs, good.integrator, good.dtype, steps)
         if way is None:
             break
         good, bad = (way, bad) if way.upper <= limit else (good, way)
@@ -299,7 +297,7 @@ def check_quiet(scene: Scene) -> None:
         raise SceneError(rule, at=f"effects.{noisy[0]}")
 
 
-def check_pilot(scene: Scene, pilot: Pilot) -> None:
+def check_pilot(pilot: Pilot) -> None:
     """Raise SceneError if members of the pilot have impossible bodies."""
     bad = int(np.count_nonzero(pilot.block[layout.STATUS, : pilot.members]))
     if bad:

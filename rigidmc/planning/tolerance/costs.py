@@ -62,10 +62,11 @@ class Candidate(NamedTuple):
 
 
 class Costs:
-    """Times in ns per member of a pilot on one thread, measured once for each compiled program."""
+    """Times in ns per member of a pilot on one thread, measured once for each compiled program;
+    beside the truth with which its candidates are compared."""
 
-    def __init__(self, pilot: Pilot) -> None:
-        self.pilot, run = pilot, pilot.scene.run
+    def __init__(self, pilot: Pilot, truth: Any = None) -> None:
+        self.pilot, self.truth, run = pilot, truth, pilot.scene.run
         self._known: dict[Hashable, float] = {}
         self.saves = round_grid(run.t_end, run.every).save_steps.size - 1
 

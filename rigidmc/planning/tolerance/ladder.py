@@ -59,27 +59,25 @@ def candidates(
     return [c for c in both if dtype in (None, c[1])]
 
 
-def measure_candidate(
-    costs: Costs, true: Reference, integrator: str, dtype: str, steps: int
-) -> Candidate | None:
+def measure_candidate(costs: Costs, integrator: str, dtype: str, steps: int) -> Candidate | None:
     """Measure an integrator in `steps` steps; return None if it refuses the step."""
     pilot = costs.pilot
     if integrator == "closed":
-        return _measure_closed(costs, true, dtype)
+        return _measure_closed(costs, dtype)
     try:
         states = integrate_pilot(pilot, integrator, steps, dtype)
     except SceneError:  # the step is too long for it
         return None
     mean, turn = pilot.mean_steps(steps), pilot.turn(steps) if pilot.member_steps else None
-    apart = errors(pilot, states, true.states)
+    apart = errors(pilot, states, costs.truth.states)
     ns, dt = costs.step(integrator, steps, dtype), pilot.scene.run.t_end / mean
     return Candidate(integrator, dtype, steps, mean, dt, turn, apart, ns)
 
 
-def _measure_closed(costs: Costs, true: Reference, dtype: str) -> Candidate:
+def _measure_closed(costs: Costs, dtype: str) -> Candidate:
     """Measure the closed form. If it is the reference itself, its error is the effect of
     rounding."""
-    pilot, saves = costs.pilot, costs.saves
+    pilot, saves, true = costs.pilot, costs.saves, costs.truth
     apart = errors(pilot, closed_pilot_states(pilot), true.states)
     if true.source.startswith("closed"):
         unseen = np.full(pilot.members, np.nan)
@@ -91,12 +89,10 @@ def _measure_closed(costs: Costs, true: Reference, dtype: str) -> Candidate:
 
 def ladder(
     costs: Costs,
-    true: Reference,
     integrator: str,
     dtype: str,
     finest: float = 0.0,
     ratio: float = 2.0**0.5,
-    most: int = MOST_STEPS,
     too_dear: Callable[[Candidate], bool] | None = None,
 ) -> list[Candidate]:
     """Measure candidates of one integrator from long steps to short ones.
@@ -107,13 +103,13 @@ def ladder(
     end does not show how short steps must be for events and extremes.
     """
     if integrator == "closed":
-        return [_measure_closed(costs, true, dtype)]
+        return [_measure_closed(costs, dtype)]
     exact = costs.pilot.scene.known_integrators()[integrator].order == math.inf
     ways: list[Candidate] = []
     multiple = _first_multiple(costs.pilot, integrator)
     best, idle = math.inf, 0
-    while (steps := costs.pilot.base * round(multiple)) <= most:
-        way = measure_candidate(costs, true, integrator, dtype, steps)
+    while (steps := costs.pilot.base * round(multiple)) <= MOST_STEPS:
+        way = measure_candidate(costs, integrator, dtype, steps)
         if way is not None:
             ways.append(way)
             # a ladder may begin with steps so long that members fail, with errors of inf

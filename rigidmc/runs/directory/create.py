@@ -163,7 +163,7 @@ def _facts(run: PreparedRun, shard: int, block: int, about: Mapping[str, str]) -
     """Return the facts for run.json, with the hashes of scene and columns still empty."""
     scene = run.scene
     versions, machine = this_machine(*["scipy"] * bool(drawn_through(scene.model, scene.run)))
-    versions |= growth_methods(run.scene)
+    versions |= growth_methods(run.layout.recording)
     sources = [file for part in scene.user_parts for file in sources_of(type(part))]
     return {
         "format": FORMAT,

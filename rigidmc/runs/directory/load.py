@@ -20,6 +20,7 @@ from rigidmc.runs.directory.facts import hash_of
 from rigidmc.runs.directory.folder import RunDirectory, hash_of_file
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import block_of_shard
+from rigidmc.scene.recording import Recording
 from rigidmc.scene.scene import Scene, loads
 from rigidmc.scene.user_parts.registry import contents_of_parts
 from rigidmc.version import VERSION
@@ -32,10 +33,10 @@ GROWTH_METHODS = {"megno": WATCHED["megno"].growth_method}
 FORMER_METHODS = {"megno": "neighbour"}
 
 
-def growth_methods(scene: Scene) -> dict[str, str]:
-    """Return the entries of GROWTH_METHODS that concern the results of a scene."""
-    monitored = scene.recording.monitored
-    return GROWTH_METHODS if any(isinstance(one, Growth) for _, one in monitored) else {}
+def growth_methods(recording: Recording) -> dict[str, str]:
+    """Return the entries of GROWTH_METHODS that concern the results of a run."""
+    grows = any(isinstance(one, Growth) for _, one in recording.monitored)
+    return GROWTH_METHODS if grows else {}
 
 
 def method_of_growth(directory: RunDirectory) -> str:

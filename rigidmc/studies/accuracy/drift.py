@@ -61,7 +61,7 @@ def long_drift(
     refuse_count(members, "members of a pilot", 8 * layout.EFFECTS)
     at = np.unique(np.append(2 ** np.arange(4, int(math.log2(steps)) + 1), steps))
     first = pilot(scene.with_run(t_end=dt * steps, every=None), members)
-    check_pilot(scene, first)
+    check_pilot(first)
     drifts = {}
     for name in names:
         drifts[name] = drift_along(first, name, steps, at, dt)

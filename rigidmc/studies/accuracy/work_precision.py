@@ -89,10 +89,11 @@ def work_precision(
     refuse_count(members, "members of a pilot", 8 * layout.EFFECTS)
     check_quiet(scene)
     first = pilot(scene, members)
-    check_pilot(scene, first)
+    check_pilot(first)
     count = count_text(first.members, "member")
     say(f"first the truth for {count}, then each integrator with a range of steps")
-    true, costs = make_reference(first, say), Costs(first)
+    true = make_reference(first, say)
+    costs = Costs(first, true)
     say(f"truth: {true.source}, known to {upper_quantile(true.error):.1e}")
     ways = _ways(scene, first, true, costs, names, say)
     threads = threads or threads_available()
@@ -145,7 +146,7 @@ def _ways(
     compile_ahead(first, pairs)
     began = time.perf_counter()
     for done, (integrator, dtype) in enumerate(pairs, 1):
-        rungs = ladder(costs, true, integrator, dtype, FINEST, too_dear=too_dear)
+        rungs = ladder(costs, integrator, dtype, FINEST, too_dear=too_dear)
         if rungs:
             best, tried = min(way.upper for way in rungs), len(rungs)
             dear = best > FINEST and too_dear(rungs[-1])

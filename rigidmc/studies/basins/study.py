@@ -192,7 +192,7 @@ def is_resolved(scene: Scene) -> NDArray[np.bool_]:
         moved = np.sqrt(((families - families[..., :1]) ** 2).sum(axis=0))
         with np.errstate(invalid="ignore", divide="ignore"):
             apart = np.fmax(apart, np.nan_to_num(moved / length[:, None]))
-    return np.asarray((apart[:, 1:] > RESOLVED * resolution_of(scene)).mean(axis=0) > 0.95)
+    return np.asarray((apart[:, 1:] > RESOLVED * resolution_of(scene.run)).mean(axis=0) > 0.95)
 
 
 def _share_of(text: str, variables: Variables, may_save_more: bool = True) -> Measure:

@@ -107,7 +107,7 @@ class FrequencyMapOptions(Options):
 def scene_of_signals(scene: Scene, options: FrequencyOptions, settings: Mapping[str, Any]) -> Scene:
     """Return the scene with the members of the study: it saves the oscillating quantity."""
     refuse_count(scene.run.members, "members with frequencies", 8 * (3 * options.terms + 8))
-    name = component_of(scene, options.of, "of").name
+    name = component_of(scene.recording, options.of, "of").name
     saving: Scene = scene.with_run(save=(name,), keep="full")
     return saving
 
@@ -115,7 +115,7 @@ def scene_of_signals(scene: Scene, options: FrequencyOptions, settings: Mapping[
 def check_source(scene: Scene, result: xr.Dataset, options: FrequencyOptions) -> None:
     """Raise OptionError for a result without the oscillating quantity."""
     of = options.of
-    name = component_of(scene, of, "of").name
+    name = component_of(scene.recording, of, "of").name
     if name not in result or "time" not in result[name].dims:
         rule = f"the result has no {name} at save times; `rigidmc run SCENE --save {name}`"
         raise OptionError(rule, at="of", value=of, nearest=nearest(name, map(str, result)))
@@ -129,7 +129,7 @@ def batch_of(saves: int) -> int:
 def reduce(batches: Batches, options: FrequencyOptions) -> xr.Dataset:
     """Return the Dataset of the study of members."""
     scene, of = batches.scene, options.of
-    asked, parts, starts = component_of(scene, of, "of"), list[tuple[Array, ...]](), []
+    asked, parts, starts = component_of(scene.recording, of, "of"), list[tuple[Array, ...]](), []
     for part in batches.results:
         times = part.time.values
         if times.size < LEAST:
@@ -140,7 +140,7 @@ def reduce(batches: Batches, options: FrequencyOptions) -> xr.Dataset:
             rule = "a spectrum requires even saves: give the time between them"
             raise OptionError(rule, at="run.every")
         signal = np.where(part.status.values == 0, asked.values(part), np.nan)
-        parts.append(_analysed(signal, times, options.terms, resolution_of(scene)))
+        parts.append(_analysed(signal, times, options.terms, resolution_of(scene.run)))
         names = [str(n) for n in part.data_vars if str(n).startswith("start_") or n == "status"]
         starts.append(part[names].drop_vars("time", errors="ignore"))
     arrays = (np.concatenate(x, axis=-1) for x in zip(*parts, strict=True))

@@ -264,7 +264,7 @@ def reduce(batches: Batches, options: GradientOptions) -> xr.Dataset:
     attrs = {
         "confidence": options.confidence,
         "t_end": float(scene.run.t_end),
-        "growth_limit": -math.log(resolution_of(scene)),
+        "growth_limit": -math.log(resolution_of(scene.run)),
         "members": numbers.is_good.size,
         "left_out": int((~numbers.is_good).sum()),
     }

@@ -322,7 +322,7 @@ def rounding_of(given: Input, nominal: xr.Dataset) -> Array:
     for name in given.nominal.run.save:
         values = np.abs(rows_in_time(nominal, name)).max(axis=(0, 2))
         sizes.append(np.full(3, np.pi) if "quat" in nominal[name].dims else values)
-    return ULPS * resolution_of(given.nominal) * np.concatenate(sizes)
+    return ULPS * resolution_of(given.nominal.run) * np.concatenate(sizes)
 
 
 def linear_until(study: xr.Dataset) -> float:

@@ -199,7 +199,7 @@ def crossing_of(scene: Scene, at: str, way: str) -> Crossing:
     if noisy := [label for label, effect in label_effects(scene.effects) if is_random(effect)]:
         rule = "a section requires a scene without noise: paths between saves are unknown"
         raise SceneError(rule, at=f"effects.{noisy[0]}")
-    return Crossing(component_of(scene, match["of"], "at"), float(match["value"]), way)
+    return Crossing(component_of(scene.recording, match["of"], "at"), float(match["value"]), way)
 
 
 def _in_si(scene: Scene, at: str) -> str:
@@ -207,7 +207,7 @@ def _in_si(scene: Scene, at: str) -> str:
     name, equals, value = at.partition("=")
     if not equals or quantity_text(value) is None:
         return at
-    of = find_observable(scene.observables, component_of(scene, name, "at").name)
+    of = find_observable(scene.observables, component_of(scene.recording, name, "at").name)
     try:
         return f"{name}= {in_units(value, of.units, 'at')!r}"
     except SceneError as error:

@@ -270,7 +270,7 @@ def reduce(batches: Batches, options: SensitivityOptions) -> xr.Dataset:
     numbers = np.full(shape, np.nan)
     for members, values in parts:
         numbers.reshape(*shape[:2], -1)[..., members] = values
-    resolved, confidence = resolution_of(batches.scene), options.confidence
+    resolved, confidence = resolution_of(batches.scene.run), options.confidence
     values = numbers[:, 0]
     pairs = [indices(families, confidence, resolved=resolved) for families in values]
     counts = np.logical_and.reduce(np.isfinite(values), axis=2)
