@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bench.problems.published import HARD, PROBLEMS
 from rigidmc import SceneError, SceneWarning, analyse_free_top, solve_free_top
 from rigidmc.mechanics.rotation import attitude_error, matrix, rotation_vector
-from rigidmc.studies.stress.problems import HARD, PROBLEMS
 from tests.mechanics import oracles
 from tests.tools import reference
 

@@ -9,6 +9,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
+from bench.problems.published import PROBLEMS
 from rigidmc import (
     SceneError,
     SceneWarning,
@@ -28,7 +29,6 @@ from rigidmc.mechanics.rotation import (
     matrix,
     product,
 )
-from rigidmc.studies.stress.problems import PROBLEMS
 from tests.mechanics import oracles
 from tests.tools import reference
 

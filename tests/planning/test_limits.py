@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from bench.problems.published import PROBLEMS
 from rigidmc.engine.kernel import block as cpu
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.scheme import Limits
-from rigidmc.studies.stress.problems import PROBLEMS
 from tests.tools.kernels import block_of, prepare, run
 from tests.tools.plans import plan_of
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from bench.problems.published import PROBLEMS
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.effects import Gravity
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.steps import MOST_OWN_STEPS, count_member_steps, rate_bounds
 from rigidmc.runs import blocks
-from rigidmc.studies.stress.problems import PROBLEMS
 from tests.tools.kernels import block_of, prepare, run
 from tests.tools.plans import starts
 

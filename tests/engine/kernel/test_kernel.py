@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from bench.problems.published import PROBLEMS
 from rigidmc.engine.kernel import arguments
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.dynamics.euler import MassProperties
@@ -21,7 +22,6 @@ from rigidmc.physics.effects import Gravity, PeriodicTorque, ViscousDamping
 from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, integrators_for, scheme_of
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.physics.observables.protocol import size
-from rigidmc.studies.stress.problems import PROBLEMS
 from tests.tools.kernels import block_of, make_block, program, run, slots
 
 EFFECTS = Gravity(9.81), ViscousDamping(0.1)

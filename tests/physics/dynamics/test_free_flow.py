@@ -10,6 +10,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
+from bench.problems.published import HARD, PROBLEMS
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.dynamics.arc import EllipticArc, double_arc, elliptic_arc, increment, squares
 from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
@@ -17,7 +18,6 @@ from rigidmc.physics.dynamics.free_flow import free_flow, make_flow, slopes
 from rigidmc.physics.dynamics.so3 import add, add_compensated, apply_rotation, multiply
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.free_motion import FreeSteps
-from rigidmc.studies.stress.problems import HARD, PROBLEMS
 from tests.tools.kernels import make_block, prepare, run, turn_rate_of
 from tests.tools.reference import attitude_error, rotation, taylor
 

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from bench.problems.published import PROBLEMS
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.physics.effects import Gravity, ViscousDamping
 from rigidmc.physics.integrators import INTEGRATORS, integrators_for
 from rigidmc.physics.observables import Attitude, Energy, Momentum
-from rigidmc.studies.stress.problems import PROBLEMS
 from tests.tools.kernels import (
     block_of,
     make_block,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from bench.problems.published import PROBLEMS
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.studies.stress.problems import PROBLEMS
 from rigidmc.views.descriptions import single_precision
 from tests.tools.kernels import block_of, march, prepare, run, turn
 from tests.tools.plans import plan_of

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.problems.published import PROBLEMS
 from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.dynamics.euler import kinetic_energy
 from rigidmc.physics.effects.sums import total_energy
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.studies.stress.problems import PROBLEMS
 from tests.tools.kernels import block_of, march, one_step, prepare, run, stepping, turn
 from tests.tools.reference import attitude_error, naive_rkmk4, rotation
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from bench.problems.published import PROBLEMS
 from rigidmc.physics.dynamics.euler import angular_velocity
 from rigidmc.physics.dynamics.so3 import cross, scale, value_of, vertical
 from rigidmc.physics.effects.sums import total_torque
 from rigidmc.physics.integrators import INTEGRATORS, description, integrators_for, rk8
 from rigidmc.physics.integrators.protocol import precompute, step, to_stepping
-from rigidmc.studies.stress.problems import PROBLEMS
 from tests.tools.kernels import one_step, prepare, turn
 from tests.tools.reference import attitude_error
 

@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from bench.problems.published import PROBLEMS
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.studies.stress.problems import PROBLEMS
 from tests.tools.kernels import march, prepare, turn
 from tests.tools.reference import true_end
 
