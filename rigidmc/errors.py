@@ -86,9 +86,9 @@ class RigidmcError(ValueError):
         """Return the message with another word for the key, such as a command-line option."""
         file = f"{_cut(self.file)}: " if self.file else ""
         place = f"[{_cut(self.table, _WORD)}] " if self.table else ""
-        given = "" if self.value is None else f" = {_short(self.value)}"
+        value = "" if self.value is None else f" = {_short(self.value)}"
         hint = hint_of(_cut(self.nearest, _WORD) if self.nearest else "")
-        subject = f"{place}{_cut(key, _WORD)}{given}: "
+        subject = f"{place}{_cut(key, _WORD)}{value}: "
         subject = "" if file and subject == "file: " else subject  # the name of the file says it
         return terminal_text(f"{file}{subject}{_cut(self.rule)}{hint}")
 
@@ -147,15 +147,15 @@ class PartError(SceneError):
         """Return the error about a class, or its method or attribute `name`, in the table `at`."""
         kind = part if isinstance(part, type) else type(part)
         code = getattr(getattr(kind, name, None), "__code__", None)
-        own = [getattr(one, "__code__", None) for key, one in vars(kind).items() if key[0] != "_"]
+        codes = [getattr(x, "__code__", None) for key, x in vars(kind).items() if key[0] != "_"]
         # a class defined in a notebook or shell has no file
-        files = [one.co_filename for one in (code, *own) if one is not None]
+        files = [each.co_filename for each in (code, *codes) if each is not None]
         source = next((file for file in files if os.path.isfile(file)), None)
         if source is not None and line is None and code is not None:
             line = code.co_firstlineno
         word = getattr(part, "__name__", kind.__name__)
-        whole = f"{at}.{word}.{name}" if name else f"{at}.{word}"
-        return cls(rule, at=whole, table=at, source=source, line=line)
+        path = f"{at}.{word}.{name}" if name else f"{at}.{word}"
+        return cls(rule, at=path, table=at, source=source, line=line)
 
 
 class OptionError(RigidmcError):
@@ -272,28 +272,28 @@ def nearest(word: object, words: Iterable[object]) -> str | None:
     from rigidmc.inputs.synonyms import NAMES
 
     # a file may have a million long names, and comparing two takes the product of their lengths
-    known = {str(w).lower(): str(w) for w in islice(words, _MANY) if len(str(w)) <= _WORD}
+    spelled = {str(w).lower(): str(w) for w in islice(words, _MANY) if len(str(w)) <= _WORD}
     if len(str(word)) > _WORD:
         return None
     asked = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", str(word)).lower().strip().replace("-", "_")
     # a vector such as "omega" has its components only
     for end in ("", r"(\.\d+)+"):
         tail = re.compile(rf"\.{re.escape(str(word).lower())}{end}$")
-        if same := next((known[name] for name in known if tail.search(name)), None):
+        if same := next((spelled[name] for name in spelled if tail.search(name)), None):
             return same
     for name in NAMES.get(asked.replace(" ", "_"), ()):
-        if same := next((known[w] for w in (name, name.replace("_", "")) if w in known), None):
+        if same := next((spelled[w] for w in (name, name.replace("_", "")) if w in spelled), None):
             return same
     # similarity: "foo" and "book" 0.57, "sphere" and "shell" 0.55
-    close = difflib.get_close_matches(str(word).lower(), known, n=1, cutoff=0.6)
+    close = difflib.get_close_matches(str(word).lower(), spelled, n=1, cutoff=0.6)
     if close:
-        return known[close[0]]
+        return spelled[close[0]]
     parts = {
-        part: name for name in reversed(known) for part in name.split(".")[1:] if not part.isdigit()
+        part: key for key in reversed(spelled) for part in key.split(".")[1:] if not part.isdigit()
     }
     # a part must be more similar than a whole name, because there are many
     close = difflib.get_close_matches(str(word).lower(), parts, n=1, cutoff=0.8)
-    return known[parts[close[0]]] if close else None
+    return spelled[parts[close[0]]] if close else None
 
 
 def hint_of(word: str | None) -> str:
@@ -324,18 +324,18 @@ def unknown(
 
 
 def from_pydantic(
-    error: "ValidationError", at: str, known: Iterable[str], given: Mapping[str, Any]
+    error: "ValidationError", at: str, names: Iterable[str], values: Mapping[str, Any]
 ) -> RigidmcError:
     """Convert pydantic's first complaint about a table to a SceneError; the only place that does.
 
-    known : keys of the table;  given : {key: value} from the user
+    names : keys of the table;  given : {key: value} from the user
     """
     # a misspelt key comes before the missing key that it stands for
     first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
     key = str(first["loc"][0]) if first["loc"] else "scene"
     if first["type"] == "extra_forbidden":
-        return unknown("key" if at else "table or key", known, at=at, key=key)
-    rule, value = first["msg"][0].lower() + first["msg"][1:], given.get(key)
+        return unknown("key" if at else "table or key", names, at=at, key=key)
+    rule, value = first["msg"][0].lower() + first["msg"][1:], values.get(key)
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, RigidmcError):  # about several keys
         return cause
@@ -377,8 +377,8 @@ def terminal_text(text: str) -> str:
     return text if text.isascii() and text.isprintable() else _CONTROLS.sub(_escaped, text)
 
 
-def _escaped(found: re.Match[str]) -> str:
-    return found[0].encode("unicode_escape").decode("ascii")
+def _escaped(match: re.Match[str]) -> str:
+    return match[0].encode("unicode_escape").decode("ascii")
 
 
 def _short(value: object) -> str:

@@ -78,11 +78,11 @@ def in_options(error: RigidmcError, command: Any) -> str:
     --max-wall."""
     if not isinstance(error, OptionError) or error.table:
         return str(error)
-    known = {option for one in command.params for option in one.opts}
+    options = {option for parameter in command.params for option in parameter.opts}
 
     def typed(word: re.Match[str]) -> str:
         option = f"--{word[0].replace('_', '-')}"
-        return option if option in known else word[0]
+        return option if option in options else word[0]
 
     # a comma or "and" separates several keys; "size radius" is a word of --size
     return error.text(re.sub(r"(?:^|(?<=, )|(?<= and ))\w+", typed, error.key))

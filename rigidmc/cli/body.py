@@ -93,8 +93,8 @@ def body_command(
             "scale": scale,
             "solid": None if solid == "solid" else solid,
         }
-        given = {key: value for key, value in options.items() if value is not None}
-        body, title = load_body(source, given)
+        chosen = {key: value for key, value in options.items() if value is not None}
+        body, title = load_body(source, chosen)
         print(
             json.dumps(body_facts(body), indent=1)
             if machine

@@ -49,16 +49,16 @@ def _different() -> int:
     from rigidmc.studies.bits import compare_devices, speeds
 
     wrong = 0
-    for one in select_devices(None):
-        word, equal = f"cuda:{one.number}", list[bool]()
-        print(f"{word}: {one.name}")
+    for device in select_devices(None):
+        word, equal = f"cuda:{device.number}", list[bool]()
+        print(f"{word}: {device.name}")
         for name, same in compare_devices(word):
             print(f"{'same bits     ' if same else 'DIFFERENT BITS'}  {name}", flush=True)
             equal.append(same)
         print(f"{sum(equal)} of {len(equal)} cases agree with this CPU to the bit")
         wrong += len(equal) - sum(equal)
         for name, steps, operations in speeds(word):
-            share = 100 * operations / one.peak
+            share = 100 * operations / device.peak
             print(f"{steps / 1e9:8.2f} G steps/s, {share:.0f} % of the float64 peak  {name}")
     return wrong
 
@@ -110,18 +110,19 @@ def _devices() -> dict[str, str]:
     from rigidmc.engine.cuda.devices import devices
 
     try:
-        found = devices()
+        present = devices()
     except NoDevice as error:
         return {"cuda": str(error).removeprefix("cuda: ")}
-    return {f"cuda:{one.number}": _in_words(one) for one in found}
+    return {f"cuda:{device.number}": _in_words(device) for device in present}
 
 
-def _in_words(one: "Device") -> str:
+def _in_words(device: "Device") -> str:
     """Describe a GPU."""
-    capability, driver = (".".join(map(str, pair)) for pair in (one.capability, one.driver))
+    capability, driver = (".".join(map(str, pair)) for pair in (device.capability, device.driver))
     return (
-        f"{one.name}, compute capability {capability}, {one.processors} multiprocessors at"
-        f" {one.clock / 1e9:.2f} GHz, {one.memory / 2**30:.0f} GiB, peak of {one.peak / 1e12:.3g} T"
+        f"{device.name}, compute capability {capability}, {device.processors} multiprocessors at"
+        f" {device.clock / 1e9:.2f} GHz, {device.memory / 2**30:.0f} GiB,"
+        f" peak of {device.peak / 1e12:.3g} T"
         f" float64 operations per second, driver for CUDA {driver}"
     )
 

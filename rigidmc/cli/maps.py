@@ -105,9 +105,9 @@ def _is_drawn(name: str, asked: dict[str, Any], where: RunOptions, run: dict[str
         raise OptionError(rule, at="zoom", value=part)
     # a part is a new map with the same axes and measures
     kept = ("zoom",) if part is None else ("zoom", "resolution")
-    own = {key: value for key, value in asked.items() if key not in kept}
-    given = {**own, "set": where.settings, **run, **({} if part else ways)}
-    for key, value in given.items():
+    of_new = {key: value for key, value in asked.items() if key not in kept}
+    options = {**of_new, "set": where.settings, **run, **({} if part else ways)}
+    for key, value in options.items():
         if exists and value not in (None, []):
             rule = f"is for a new map, and {name} already exists"
             raise OptionError(rule, at=key, value=value)
@@ -145,8 +145,8 @@ def _is_of_package(name: str, asked: dict[str, Any], where: RunOptions) -> bool:
         )
         raise OptionError(rule, at="map", value=name)
     if missing:
-        own = ", ".join(MAPS)
-        rule = f"missing; the map of a scene needs --x, --y and --of; shipped maps: {own}"
+        shipped = ", ".join(MAPS)
+        rule = f"missing; the map of a scene needs --x, --y and --of; shipped maps: {shipped}"
         raise OptionError(rule, at=", ".join(missing))
     return False
 

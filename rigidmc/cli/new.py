@@ -38,7 +38,7 @@ def read_numbers(text: str, key: str, count: int | None = None, units: str | Non
     ):
         parts = [*(f"{part} {last.unit}" for part in parts[:-1]), parts[-1]]
     try:
-        values = tuple(float(in_si(one, units or UNITS.get(key, "1"), key)) for one in parts)
+        values = tuple(float(in_si(part, units or UNITS.get(key, "1"), key)) for part in parts)
     except SceneError as error:
         raise OptionError(error.rule, at=key, value=text, nearest=error.nearest) from None
     except ValueError:
@@ -62,7 +62,7 @@ def read_sizes(text: str, key: str = "size") -> dict[str, Any]:
             rule = "expected NAME=NUMBER, as in radius=0.03,height=0.008 or size=0.02,0.05,0.1"
             raise OptionError(rule, at=key, value=text)
         values.setdefault(last, []).extend(read_numbers(value, key, 1, size_units(last)))
-    return {name: one[0] if len(one) == 1 else one for name, one in values.items()}
+    return {name: numbers[0] if len(numbers) == 1 else numbers for name, numbers in values.items()}
 
 
 def lean_of(text: str, key: str = "lean") -> float | str:
@@ -82,40 +82,40 @@ def gravity_of(text: str, key: str = "gravity") -> float:
     return 0.0 if text == "none" else read_numbers(text, key, 1)[0]
 
 
-def mass_of(given: Given, default: float) -> float:
+def mass_of(answers: Given, default: float) -> float:
     """Return the mass [kg] of the options."""
-    return default if given["mass"] is None else read_numbers(given["mass"], "mass", 1)[0]
+    return default if answers["mass"] is None else read_numbers(answers["mass"], "mass", 1)[0]
 
 
-def body_table(given: Given) -> Given:
+def body_table(answers: Given) -> Given:
     """Return the table [body] for the body options; without any, the table of a heavy top."""
     from rigidmc.views.new_scene import SIZES, TOP, body_in
 
     table: Given = {}
-    shaped = any(given[key] is not None for key in ("solid", "size", "mass"))
-    if given["moments"] is not None:
+    shaped = any(answers[key] is not None for key in ("solid", "size", "mass"))
+    if answers["moments"] is not None:
         for key in ("solid", "size"):
-            if given[key] is not None:
+            if answers[key] is not None:
                 rule = "cannot be combined with --moments, which describe the whole body"
-                raise OptionError(rule, at=key, value=given[key])
-        table["moments"] = list(read_numbers(given["moments"], "moments", 3))
-        table["mass"] = mass_of(given, 1.0)
-        if given["centre"] is not None:
-            table["centre"] = list(read_numbers(given["centre"], "centre", 3))
-    elif given["centre"] is not None:
+                raise OptionError(rule, at=key, value=answers[key])
+        table["moments"] = list(read_numbers(answers["moments"], "moments", 3))
+        table["mass"] = mass_of(answers, 1.0)
+        if answers["centre"] is not None:
+            table["centre"] = list(read_numbers(answers["centre"], "centre", 3))
+    elif answers["centre"] is not None:
         rule = "requires --moments; for a solid, give the fixed point as --pivot"
-        raise OptionError(rule, at="centre", value=given["centre"])
-    elif not shaped and given["pivot"] is None:
+        raise OptionError(rule, at="centre", value=answers["centre"])
+    elif not shaped and answers["pivot"] is None:
         table |= TOP
     else:
-        solid = given["solid"] or "cylinder"
+        solid = answers["solid"] or "cylinder"
         if solid not in SOLIDS:
             raise unknown("solid", SOLIDS, at="solid", value=solid, error=OptionError)
-        table[solid] = SIZES[solid] if given["size"] is None else read_sizes(given["size"])
-        mass = {} if given["mass"] is None else {"mass": mass_of(given, 0.2)}
+        table[solid] = SIZES[solid] if answers["size"] is None else read_sizes(answers["size"])
+        mass = {} if answers["mass"] is None else {"mass": mass_of(answers, 0.2)}
         table[solid] = ({} if solid == "t_handle" else {"mass": 0.2}) | table[solid] | mass
-    if given["pivot"] is not None:
-        table["pivot"] = list(read_numbers(given["pivot"], "pivot", 3))
+    if answers["pivot"] is not None:
+        table["pivot"] = list(read_numbers(answers["pivot"], "pivot", 3))
     _refuse_body(lambda: body_in(table))
     return table
 
@@ -125,29 +125,29 @@ def _refuse_body(make: Callable[[], object]) -> None:
     try:
         make()
     except RigidmcError as error:
-        own = error.key in ("moments", "mass", "centre", "pivot")
-        key = error.key if own else f"size {error.key}"
+        is_option = error.key in ("moments", "mass", "centre", "pivot")
+        key = error.key if is_option else f"size {error.key}"
         raise OptionError(error.rule, at=key, value=error.value, nearest=error.nearest) from None
 
 
-def motion_of(given: Given, table: Given) -> Any:
+def motion_of(answers: Given, table: Given) -> Any:
     """Return the FirstMotion of the options, with defaults that suit the body."""
     from rigidmc.views.new_scene import FirstMotion, body_in, default_gravity, default_spin
 
-    body, text = body_in(table), given["gravity"]
+    body, text = body_in(table), answers["gravity"]
     gravity = default_gravity(body) if text is None else gravity_of(text)
     if gravity and not default_gravity(body):
         rule = "exerts no torque on a body held at its centre of mass: give a --pivot"
         raise OptionError(rule, at="gravity", value=text)
-    spread = 0.01 if given["spread"] is None else given["spread"]
+    spread = 0.01 if answers["spread"] is None else answers["spread"]
     if not 0.0 <= spread < 1.0:
         raise OptionError(
             "expected a fraction of the spin, from 0 to below 1", at="spread", value=spread
         )
-    auto, given_spin = default_spin(body, gravity), given["spin"]
+    auto, given_spin = default_spin(body, gravity), answers["spin"]
     spin = auto if given_spin is None else read_numbers(given_spin, "spin", 3)
     lean: float | str | None = 0.4 if gravity else None
-    lean = lean if given["lean"] is None else lean_of(given["lean"])
+    lean = lean if answers["lean"] is None else lean_of(answers["lean"])
     return FirstMotion(spin, spread, lean, gravity)
 
 
@@ -167,35 +167,35 @@ def ask(question: str, default: str | None, read: Callable[[str], Any]) -> str |
     return str(answer) if answer else None
 
 
-def ask_options(given: Given) -> Given:
+def ask_options(answers: Given) -> Given:
     """Return the options from answers at the terminal."""
     from rigidmc.views.new_scene import SIZES, TOP
 
     def body(key: str) -> Callable[[str], object]:
-        return lambda text: body_table({**given, key: text})
+        return lambda text: body_table({**answers, key: text})
 
-    given = dict(given)
-    given["solid"] = ask(f"Solid: {', '.join(SOLIDS)}", "cylinder", body("solid"))
-    example = SIZES[given["solid"] or "cylinder"]
+    answers = dict(answers)
+    answers["solid"] = ask(f"Solid: {', '.join(SOLIDS)}", "cylinder", body("solid"))
+    example = SIZES[answers["solid"] or "cylinder"]
     text = ",".join(f"{k}={str(v).strip('[]')}" for k, v in example.items()).replace(" ", "")
-    given["size"] = ask("Mass and sizes [kg, m]", text, body("size"))
-    top = ",".join(map(str, TOP["pivot"])) if given["solid"] == "cylinder" else None
+    answers["size"] = ask("Mass and sizes [kg, m]", text, body("size"))
+    top = ",".join(map(str, TOP["pivot"])) if answers["solid"] == "cylinder" else None
     where = "Fixed point relative to the origin of the solid [m]; 0,0,0 is the origin"
-    given["pivot"] = ask(where, top or "0,0,0", body("pivot"))
-    table = body_table(given)
-    auto = motion_of(given, table)
+    answers["pivot"] = ask(where, top or "0,0,0", body("pivot"))
+    table = body_table(answers)
+    auto = motion_of(answers, table)
     if auto.gravity:
-        given["gravity"] = ask("Gravity [m/s2], or none", f"{auto.gravity:g}", gravity_of)
-        auto = motion_of(given, table)
+        answers["gravity"] = ask("Gravity [m/s2], or none", f"{auto.gravity:g}", gravity_of)
+        auto = motion_of(answers, table)
     spin = ",".join(f"{w:g}" for w in auto.spin)
-    given["spin"] = ask(
+    answers["spin"] = ask(
         "Spin about the body axes [rad/s]", spin, lambda text: read_numbers(text, "spin", 3)
     )
     if auto.gravity:
         question = "Angle between axis 3 and the vertical [rad], or uniform"
-        given["lean"] = ask(question, f"{auto.lean:g}", lean_of)
+        answers["lean"] = ask(question, f"{auto.lean:g}", lean_of)
     members = ask("Number of members", "1000", lambda text: read_count_text(text, "members"))
-    return {**given, "members": read_count_text(members or "1000", "members")}
+    return {**answers, "members": read_count_text(members or "1000", "members")}
 
 
 def at_terminal() -> bool:

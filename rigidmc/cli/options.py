@@ -183,7 +183,7 @@ def gather_options(
         signature = inspect.signature(command)
         kind = inspect.Parameter.KEYWORD_ONLY
         others = [p.replace(kind=kind) for p in signature.parameters.values() if p.name != into]
-        pairs = {k: one if isinstance(one, tuple) else (one, None) for k, one in options.items()}
+        pairs = {k: how if isinstance(how, tuple) else (how, None) for k, how in options.items()}
         more = [
             inspect.Parameter(name, kind, default=default, annotation=annotation)
             for name, (annotation, default) in pairs.items()

@@ -297,10 +297,10 @@ class Stream:
     def flush(self) -> None:
         self._tried(self._stream.flush)
 
-    def _tried(self, work: Callable[..., object], *given: str) -> None:
+    def _tried(self, work: Callable[..., object], *texts: str) -> None:
         if not self._gone:
             try:
-                work(*given)
+                work(*texts)
             except OSError as error:
                 self._gone, self.fault = True, None if isinstance(error, BrokenPipeError) else error
                 with contextlib.suppress(OSError):  # drops its buffer and the output of libraries

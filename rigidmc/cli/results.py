@@ -148,8 +148,8 @@ def plot_command(
 
 def _polhode_options(picture: str, surface: str | None, energies: str | None) -> dict[str, Any]:
     """Return the options of the picture polhodes; OptionError for options of other pictures."""
-    given = {"surface": surface, "energies": energies}
-    options: dict[str, Any] = {name: text for name, text in given.items() if text is not None}
+    texts = {"surface": surface, "energies": energies}
+    options: dict[str, Any] = {name: text for name, text in texts.items() if text is not None}
     for name, text in options.items():
         if picture != "polhodes":
             raise OptionError("is for --picture polhodes", at=name, value=text)
@@ -382,8 +382,8 @@ def _result(source: str, settings: list[str], allow_code: bool) -> "xr.Dataset":
             raise OptionError(
                 "is for scenes; a result is already computed", at="set", value=settings[0]
             )
-        found = _map(source)
-        return found if found is not None else load_result(source, allow_code)
+        stored = _map(source)
+        return stored if stored is not None else load_result(source, allow_code)
     from rigidmc.runs.simulate import simulate
 
     scene = load_scene(source, settings, allow_code)

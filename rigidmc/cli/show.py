@@ -85,13 +85,14 @@ def warm_command(
         for name, scene in loaded:
             with in_file(name):
                 programs = precompile(scene, all_integrators)
-            new = [one.integrator for one in programs if one.compiled and not one.skipped]
-            seconds = sum(one.seconds for one in programs if not one.skipped)
+            made = [program for program in programs if not program.skipped]
+            new = [program.integrator for program in made if program.compiled]
+            seconds = sum(program.seconds for program in made)
             print(
                 f"{name:{width}s} "
                 + (f"{seconds:6.1f} s for {', '.join(new)}" if new else "nothing to compile"),
                 flush=True,
             )
-            for one in programs:
-                if one.skipped:
-                    print(f"{'':{width}s} skipped {one.integrator}: {one.skipped}")
+            for program in programs:
+                if program.skipped:
+                    print(f"{'':{width}s} skipped {program.integrator}: {program.skipped}")

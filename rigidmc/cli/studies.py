@@ -74,13 +74,13 @@ class RunOptions(NamedTuple):
     ways: DirectoryOptions
 
 
-def where_of(given: dict[str, Any]) -> RunOptions:
+def where_of(values: dict[str, Any]) -> RunOptions:
     """Gather options in a RunOptions."""
-    ways = DirectoryOptions(*(given.pop(name, None) for name in DirectoryOptions._fields))
-    settings, output = list(given["settings"] or ()), given["output"]
-    flags = bool(given["allow_code"]), bool(given["force"])
-    threads, device = given["threads"], given.get("device")
-    return RunOptions(settings, flags[0], threads, device, output, given["plot"], flags[1], ways)
+    ways = DirectoryOptions(*(values.pop(name, None) for name in DirectoryOptions._fields))
+    settings, output = list(values["settings"] or ()), values["output"]
+    flags = bool(values["allow_code"]), bool(values["force"])
+    threads, device = values["threads"], values.get("device")
+    return RunOptions(settings, flags[0], threads, device, output, values["plot"], flags[1], ways)
 
 
 # options from which `where_of` makes a RunOptions: for studies whose members or tasks may be in a
@@ -104,7 +104,7 @@ def command_of(study: "Study") -> Callable[..., None]:
     pictured, is_direct = options_of(study.picture_options), isinstance(study.work, Direct)
 
     def command(name: str, where: RunOptions, run: Any = None, **options: Any) -> None:
-        picture = {one.name: options.pop(one.name) for one in pictured}
+        picture = {option.name: options.pop(option.name) for option in pictured}
         files = {key: options.pop(key) for key in study.files}
         with report_errors(None if is_direct else name):  # `_measured` names the scene itself
             if is_direct:
@@ -120,7 +120,7 @@ def command_of(study: "Study") -> Callable[..., None]:
     parameters = [
         _source(study),
         *command_parameters(study),
-        *(_path(name, one.text) for name, one in study.files.items()),
+        *(_path(name, file.text) for name, file in study.files.items()),
         *(inspect.Parameter(name, kind) for name in ("run",) * has_settings + ("where",)),
     ]
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -135,8 +135,8 @@ def command_parameters(study: "Study") -> list[inspect.Parameter]:
     """Return the options of a study and of its picture as parameters of a command."""
     from rigidmc.studies.framework.options import options_of
 
-    known = (*options_of(study.options), *options_of(study.picture_options))
-    return [_parameter(one) for one in known if one.in_command]
+    options = (*options_of(study.options), *options_of(study.picture_options))
+    return [_parameter(option) for option in options if option.in_command]
 
 
 def _source(study: "Study") -> inspect.Parameter:
@@ -162,25 +162,25 @@ def _path(name: str, text: str) -> inspect.Parameter:
     )
 
 
-def _parameter(one: "Option") -> inspect.Parameter:
+def _parameter(option: "Option") -> inspect.Parameter:
     """Return an option of a study as a parameter of its command."""
     from rigidmc.studies.framework.options import REQUIRED, Names, Numbers, Time, Words
 
-    key, text = f"--{one.name.replace('_', '-')}", f"{one.text[0].upper()}{one.text[1:]}."
+    key, text = f"--{option.name.replace('_', '-')}", f"{option.text[0].upper()}{option.text[1:]}."
     more: dict[str, Any] = {"help": text.replace("[", "\\[")}
-    kind: Any = {Words: list[str], Names: str, Numbers: str}.get(one.type, one.type)
-    kind = kind if one.default is REQUIRED or kind is bool else kind | None
-    made = typer.Option(key, metavar=one.metavar or None, **more)
-    if one.type is int:
-        made = count_option(key, one.least, **more)
-    elif one.type is Time:
+    kind: Any = {Words: list[str], Names: str, Numbers: str}.get(option.type, option.type)
+    kind = kind if option.default is REQUIRED or kind is bool else kind | None
+    made = typer.Option(key, metavar=option.metavar or None, **more)
+    if option.type is int:
+        made = count_option(key, option.least, **more)
+    elif option.type is Time:
         made = time_option(key, **more)
     # the help page shows the default unless the text does; None marks an omitted option
-    is_shown = one.default is REQUIRED or not (one.is_new or "by default" in one.text)
+    is_shown = option.default is REQUIRED or not (option.is_new or "by default" in option.text)
     return inspect.Parameter(
-        one.name,
+        option.name,
         inspect.Parameter.KEYWORD_ONLY,
-        default=one.default if is_shown else None,
+        default=option.default if is_shown else None,
         annotation=Annotated[kind, made],
     )
 
@@ -210,7 +210,7 @@ def _run_study(
     from rigidmc.studies.framework.members import Members
     from rigidmc.studies.framework.options import options_of
 
-    news = {one.name for one in options_of(study.options) if one.is_new}
+    news = {option.name for option in options_of(study.options) if option.is_new}
     new = {key: value for key, value in options.items() if key in news}
     asked = {key: value for key, value in options.items() if value is not None}
     again = {key: value for key, value in asked.items() if key not in news}
@@ -272,8 +272,8 @@ def compute_study(
         directory: RunDirectory = work.create(study.name, design, read, folder, **sizes)
         return directory
 
-    code_of_run, whole = start_directory(make, where.ways, threads, where.allow_code, device)
-    if not whole:
+    code_of_run, is_complete = start_directory(make, where.ways, threads, where.allow_code, device)
+    if not is_complete:
         raise typer.Exit(code_of_run)
     return stored(folder), None
 
@@ -289,16 +289,16 @@ def show(
     written."""
     table, lines = study.table(dataset), list[str]()
 
-    def draw(found: "xr.Dataset") -> "Figure":
-        return study.draw(found, **picture)
+    def draw(drawn: "xr.Dataset") -> "Figure":
+        return study.draw(drawn, **picture)
 
     try:
         lines += write_study(dataset, where.output, where.plot, where.force, draw)
         for key, path in files.items():
             if path is not None:
-                one = study.files[key]
-                has_one = one.write(dataset, path, where.force)
-                nothing = f"  {path} was not written: this study has no {one.kind}"
+                kind = study.files[key]
+                has_one = kind.write(dataset, path, where.force)
+                nothing = f"  {path} was not written: this study has no {kind.kind}"
                 lines += report_files([path]) if has_one else [nothing]
     finally:
         if all(isinstance(line, str) for line in table):
@@ -318,9 +318,9 @@ def end(study: "Study", dataset: "xr.Dataset") -> None:
         raise typer.Exit(code)
 
 
-def _refuse_new(given: dict[str, Any]) -> None:
+def _refuse_new(options: dict[str, Any]) -> None:
     """Raise OptionError for an option of new members if the members exist."""
-    for key, value in given.items():
+    for key, value in options.items():
         if value is not None:
             rule = "is for a new study; this study already has its members"
             raise OptionError(rule, at=key, value=value)

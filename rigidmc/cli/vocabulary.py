@@ -191,8 +191,8 @@ def observables_command(
         print("and for observables with parameters, such as pointing_angle_max:")
         for word, kind in STATISTICS.items():
             print(f"NAME_{word:7s} {_first_line(kind)}")
-            for one in able:
-                print_added(f"{one}_{word}")
+            for observable in able:
+                print_added(f"{observable}_{word}")
 
 
 def _watching_costs() -> dict[str, dict[str, float]]:
@@ -321,8 +321,8 @@ def explain_docstring(docstring: str) -> str:
 
 
 def _parameters(section: str) -> Iterator[str]:
-    for found in _PARAMETER.finditer(section):
-        unit = _UNIT.search(found["kind"])
-        words = [found["meaning"], *([unit[0]] if unit else [])]
-        line = f"{found['names']} : {' '.join(' '.join(words).split())}"
+    for match in _PARAMETER.finditer(section):
+        unit = _UNIT.search(match["kind"])
+        words = [match["meaning"], *([unit[0]] if unit else [])]
+        line = f"{match['names']} : {' '.join(' '.join(words).split())}"
         yield textwrap.fill(line, width=100, subsequent_indent="    ", break_on_hyphens=False)

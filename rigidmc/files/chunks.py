@@ -75,9 +75,9 @@ def _read_part(part: Part, name: str, mark: str, batch: "_Batch") -> None:
         raise Unfamiliar("large")
     file = open_plain(part.path, os.O_RDONLY)
     try:
-        known, first = _opened(part.path, file)
-        stored, member = known.variables.get(name), known.variables["member"]
-        if stored is None or known.texts.get("run") != mark:
+        metadata, first = _opened(part.path, file)
+        stored, member = metadata.variables.get(name), metadata.variables["member"]
+        if stored is None or metadata.texts.get("run") != mark:
             raise Unfamiliar("another run, or a file of an earlier version")
         if (stored.shape, np.dtype(stored.dtype)) != (out.shape, out.dtype):
             raise Unfamiliar("shape")
@@ -116,18 +116,18 @@ def _opened(path: str, file: int) -> tuple[Metadata, int]:
     """Return (metadata, first member) of an open file; Unfamiliar."""
     facts = os.fstat(file)
     state = (facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns)
-    found = _files.get(path)
-    if found is not None and found[0] == state:
-        return found[1:]
-    known = _metadata(file)
-    member = known.variables.get("member")
+    recent = _files.get(path)
+    if recent is not None and recent[0] == state:
+        return recent[1:]
+    metadata = _metadata(file)
+    member = metadata.variables.get("member")
     if member is None or member.filters != (-1,) or member.dtype != "<i8":
         raise Unfamiliar("members")
     first = int.from_bytes(_bytes(file, member.at, 8), "little", signed=True)
     if len(_files) >= _RECENT:
         _files.clear()
-    _files[path] = state, known, first
-    return known, first
+    _files[path] = state, metadata, first
+    return metadata, first
 
 
 _known: dict[tuple[tuple[int, int], ...], dict[bytes, Metadata]] = {}  # by spans, by their bytes
@@ -137,9 +137,9 @@ def _metadata(file: int) -> Metadata:
     """Return the metadata of an open file."""
     head = os.pread(file, max((spans[-1][1] for spans in _known), default=HEAD), 0)
     for spans, kinds in list(_known.items()):
-        found = kinds.get(_taken(head, spans))
-        if found is not None:
-            return found
+        stored = kinds.get(_taken(head, spans))
+        if stored is not None:
+            return stored
     head = os.pread(file, HEAD, 0)
     made = read_metadata(head)
     if sum(map(len, list(_known.values()))) >= _KINDS:
@@ -182,12 +182,12 @@ class _Batch:
     def unpacked(self, file: int, chunk: Chunk, stored: Stored) -> NDArray[Any]:
         """Return the values of a packed chunk."""
         size = np.dtype(stored.dtype).itemsize * math.prod(stored.chunk)
-        whole = size + 4 * stored.filters.count(FLETCHER32)
-        if size > LARGEST or chunk.size > whole + whole // 1000 + 1024:
+        size_with_sums = size + 4 * stored.filters.count(FLETCHER32)
+        if size > LARGEST or chunk.size > size_with_sums + size_with_sums // 1000 + 1024:
             raise Unfamiliar("size of a chunk")
         data = _bytes(file, chunk.at, chunk.size)
         if data != self._last[0]:
-            self._last = data, _unpacked(data, stored, whole)
+            self._last = data, _unpacked(data, stored, size_with_sums)
         return self._last[1]
 
     def _check(self) -> None:
@@ -213,9 +213,11 @@ class _Batch:
 def _is_right(rows: NDArray[np.uint8], size: int, stored: NDArray[Any]) -> NDArray[np.bool_]:
     """Whether rows (k, n) of `size` bytes and zeros have these checksums; Fletcher's are equal
     modulo 65535."""
-    one, two = fletcher32(rows, size)
-    found: NDArray[np.bool_] = ((stored & 0xFFFF) % 65535 == one) & ((stored >> 16) % 65535 == two)
-    return found
+    first, second = fletcher32(rows, size)
+    is_right: NDArray[np.bool_] = ((stored & 0xFFFF) % 65535 == first) & (
+        (stored >> 16) % 65535 == second
+    )
+    return is_right
 
 
 def fletcher32(rows: NDArray[np.uint8], size: int) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -240,11 +242,11 @@ def fletcher32(rows: NDArray[np.uint8], size: int) -> tuple[NDArray[Any], NDArra
     within = (by_odd & low) + 2 * (by_even >> half) + 3 * (by_odd >> half)
     by_row, by_column = ((x & low) + (x >> half) for x in (by_even + by_odd, by_column))
     row, column = (np.arange(n, dtype=np.uint64) for n in (by_row.shape[1], _ROW))
-    one = by_row.sum(1) % 65535
+    first = by_row.sum(1) % 65535
     places = _ROW * ((by_row * row).sum(1) % 65535) + (by_column * column).sum(1)
     weighted = (4 * (places % 65535) + within.sum(1)) % 65535
-    two = (-(-size // 2) % 65535 * one + 65535 - weighted) % 65535
-    return one * 256 % 65535, two * 256 % 65535
+    two = (-(-size // 2) % 65535 * first + 65535 - weighted) % 65535
+    return first * 256 % 65535, two * 256 % 65535
 
 
 _local = threading.local()
@@ -255,20 +257,20 @@ def _scratch(shape: tuple[int, ...]) -> NDArray[np.uint64]:
     size = 2 * math.prod(shape)
     if getattr(_local, "words", np.empty(0)).size < size:
         _local.words = np.empty(size, np.uint64)
-    found: NDArray[np.uint64] = _local.words[:size].reshape(2, *shape)
-    return found
+    words: NDArray[np.uint64] = _local.words[:size].reshape(2, *shape)
+    return words
 
 
-def _unpacked(data: bytes, stored: Stored, whole: int) -> NDArray[Any]:
+def _unpacked(data: bytes, stored: Stored, size: int) -> NDArray[Any]:
     """Return the values of a chunk, with its filters undone; Unfamiliar.
 
-    whole : its bytes without filters, with its checksums
+    size : its bytes without filters, with its checksums
     """
     dtype = np.dtype(stored.dtype)
     for kind in reversed(stored.filters):
         if kind == DEFLATE:
             stream = zlib.decompressobj()
-            data = stream.decompress(data, whole)
+            data = stream.decompress(data, size)
             if not stream.eof:
                 raise Unfamiliar("packed data")
         elif kind == SHUFFLE:

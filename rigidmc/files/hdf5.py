@@ -96,15 +96,15 @@ def chunks_of(stored: Stored, read: Read) -> list[Chunk]:
     count = math.prod(grid)
     if not 0 < count <= MOST or stored.at == NOWHERE:
         raise Unfamiliar("chunks")
-    found: list[Chunk] = []
+    chunks: list[Chunk] = []
     try:
-        _walk(stored.at, len(stored.shape), read, count, None, found)
+        _walk(stored.at, len(stored.shape), read, count, None, chunks)
     except struct.error as error:
         raise Unfamiliar(str(error)) from None
     expected = _offsets(grid, stored.chunk)
-    if len(found) != count or any(c.offset != o for c, o in zip(found, expected, strict=True)):
+    if len(chunks) != count or any(c.offset != o for c, o in zip(chunks, expected, strict=True)):
         raise Unfamiliar("order of chunks")
-    return found
+    return chunks
 
 
 def _offsets(grid: list[int], chunk: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
@@ -117,25 +117,27 @@ def _offsets(grid: list[int], chunk: tuple[int, ...]) -> Iterator[tuple[int, ...
             yield (i * chunk[0], *rest)
 
 
-def _walk(at: int, rank: int, read: Read, most: int, level: int | None, found: list[Chunk]) -> None:
-    """Append the chunks below a node of a tree (version 1, type 1) to `found`."""
+def _walk(
+    at: int, rank: int, read: Read, most: int, level: int | None, chunks: list[Chunk]
+) -> None:
+    """Append the chunks below a node of a tree (version 1, type 1) to `chunks`."""
     each = 8 + 8 * (rank + 1) + 8
     data = read(at, 24 + each)
     signature, kind, mine, used = struct.unpack_from("<4sBBH", data)
     if signature != b"TREE" or kind != 1 or mine > DEEP or level not in (None, mine):
         raise Unfamiliar("tree")
-    if not 0 < used <= most - len(found):
+    if not 0 < used <= most - len(chunks):
         raise Unfamiliar("entries of a tree")
     if used > 1:
         data = read(at, 24 + used * each)
     for i in range(used):
         size, mask, *offset, child = struct.unpack_from(f"<II{rank + 2}Q", data, 24 + i * each)
         if mine:
-            _walk(child, rank, read, most, mine - 1, found)
+            _walk(child, rank, read, most, mine - 1, chunks)
         else:
             if mask or offset[-1]:
                 raise Unfamiliar("a chunk without its filters")
-            found.append(Chunk(tuple(offset[:-1]), child, size))
+            chunks.append(Chunk(tuple(offset[:-1]), child, size))
 
 
 class _Reader:
@@ -304,29 +306,29 @@ _TYPES = {
 
 def _stored(messages: list[tuple[int, bytes]]) -> Stored | None:
     """Return where a variable is; None for an object that is none, or of another type."""
-    found = dict(messages)
-    if not {SPACE, TYPE, LAYOUT} <= found.keys():
+    content = dict(messages)
+    if not {SPACE, TYPE, LAYOUT} <= content.keys():
         return None
-    dtype = next((t for m, t in _TYPES.items() if found[TYPE].startswith(m)), None)
+    dtype = next((t for m, t in _TYPES.items() if content[TYPE].startswith(m)), None)
     if dtype is None:
         return None
     each = int(dtype[2:])
-    version, rank, _, plain = struct.unpack_from("<BBBB", found[SPACE])
+    version, rank, _, plain = struct.unpack_from("<BBBB", content[SPACE])
     if version != 2 or plain != 1 or not rank:
         return None
-    shape = struct.unpack_from(f"<{rank}Q", found[SPACE], 4)
-    layout, kind = found[LAYOUT][:2]
+    shape = struct.unpack_from(f"<{rank}Q", content[SPACE], 4)
+    layout, kind = content[LAYOUT][:2]
     if layout != 3:
         raise Unfamiliar("layout")
     if kind == 1:
-        at, size = struct.unpack_from("<QQ", found[LAYOUT], 2)
+        at, size = struct.unpack_from("<QQ", content[LAYOUT], 2)
         return Stored(shape, dtype, shape, (-1,), at, size)
-    if kind != 2 or found[LAYOUT][2] != rank + 1:
+    if kind != 2 or content[LAYOUT][2] != rank + 1:
         return None
-    at, *chunk, last = struct.unpack_from(f"<Q{rank + 1}I", found[LAYOUT], 3)
+    at, *chunk, last = struct.unpack_from(f"<Q{rank + 1}I", content[LAYOUT], 3)
     if last != each or not all(chunk):
         raise Unfamiliar("chunks")
-    filters = _filters(found[FILTERS], each) if FILTERS in found else ()
+    filters = _filters(content[FILTERS], each) if FILTERS in content else ()
     return Stored(shape, dtype, tuple(chunk), filters, at, 0)
 
 
@@ -343,9 +345,9 @@ def _filters(data: bytes, each: int) -> tuple[int, ...]:
             at += 2
         _, values = struct.unpack_from("<HH", data, at)
         at += 4 + (-(-size // 8) * 8 if version == 1 else size)
-        known = struct.unpack_from(f"<{values}I", data, at)
+        values_of = struct.unpack_from(f"<{values}I", data, at)
         at += 4 * values + 4 * (version == 1 and values % 2)
-        if kind not in (DEFLATE, SHUFFLE, FLETCHER32) or (kind == SHUFFLE and known != (each,)):
+        if kind not in (DEFLATE, SHUFFLE, FLETCHER32) or (kind == SHUFFLE and values_of != (each,)):
             raise Unfamiliar("filter")
         ids.append(kind)
     return tuple(ids)

@@ -190,11 +190,11 @@ class _Array(NamedTuple):
 def refuse_hostile(path: str) -> None:
     """Raise FileError for a store that contains links or pipes, claims more data than it can hold,
     or needs codecs that results and their copies do not use."""
-    found = list(_files(path))
-    stored = sum(entry.stat(follow_symlinks=False).st_size for entry in found)
+    files = list(_files(path))
+    stored = sum(entry.stat(follow_symlinks=False).st_size for entry in files)
     budget = FREE + PACKED * stored
     arrays: dict[str, _Array] = {}
-    for entry in found:
+    for entry in files:
         if entry.name in (".zarray", "zarr.json"):
             with _damaged(entry.path):
                 array = _described(json_of(bytes_of(entry.path, links=False).decode("utf-8")))
@@ -204,7 +204,7 @@ def refuse_hostile(path: str) -> None:
     if claimed > budget or sum(array.chunks for array in arrays.values()) > MOST:
         rule = f"claims to hold {claimed / 1e6:,.0f} MB in a store of {stored / 1e6:,.3f} MB"
         raise FileError(rule, at="file", file=path)
-    for entry in found:
+    for entry in files:
         if entry.name not in _METADATA:
             _refuse_swollen(entry.path, arrays)
 

@@ -165,8 +165,8 @@ class PartialFile:
                 for file in _files_of(self.path):
                     with open(
                         file, "rb+", opener=open_plain
-                    ) as one:  # Windows makes only writable files durable
-                        os.fsync(one.fileno())
+                    ) as stream:  # Windows makes only writable files durable
+                        os.fsync(stream.fileno())
                 if self.before is not None:
                     self.before()
                 self._rename(final)

@@ -59,10 +59,10 @@ class Store:
         except ImportError as error:
             rule = f"needs fsspec: pip install 'rigidmc[store]' ({error})"
             raise OptionError(rule, at="run", value=url) from None
-        known = [name for name in fsspec.available_protocols() if name not in ("file", "local")]
-        if protocol not in known:
+        protocols = [name for name in fsspec.available_protocols() if name not in ("file", "local")]
+        if protocol not in protocols:
             rule = "is not a store that fsspec knows; a folder here has no ://"
-            close = nearest(protocol, known)
+            close = nearest(protocol, protocols)
             raise OptionError(rule, at="run", value=url, nearest=close and f"{close}://") from None
         try:
             with _naming(url):
@@ -81,11 +81,11 @@ class Store:
         with _naming(self.url):
             self._files.invalidate_cache()  # other machines write here
             try:
-                found = self._files.ls(place, detail=True)
+                entries = self._files.ls(place, detail=True)
             except FileNotFoundError:  # stores have no empty folders
                 return {}
-        names = {one["name"].rstrip("/").rpartition("/")[2]: one for one in found}
-        return {name: _time(one) for name, one in names.items() if name}
+        names = {entry["name"].rstrip("/").rpartition("/")[2]: entry for entry in entries}
+        return {name: _time(entry) for name, entry in names.items() if name}
 
     def get(self, name: str) -> bytes | None:
         """Return the bytes of an object; None if there is none."""
@@ -158,8 +158,8 @@ def local_copy(path: str) -> Iterator[str]:
 
 
 def _time(facts: dict[str, Any]) -> float:
-    found = next((facts[key] for key in _TIMES if facts.get(key)), 0.0)
-    return float(found.timestamp() if hasattr(found, "timestamp") else found)
+    time = next((facts[key] for key in _TIMES if facts.get(key)), 0.0)
+    return float(time.timestamp() if hasattr(time, "timestamp") else time)
 
 
 @contextlib.contextmanager

@@ -62,9 +62,9 @@ def read_number_table(path: str | os.PathLike[str]) -> NumberTable:
         rows = 0
         while lines := _some(file):
             cells = list(_cells(map(_without_comment, lines), separator))
-            for row, one in enumerate(cells, rows + 1):
-                if len(one) != len(names):
-                    raise ValueError(_unequal(names, row, one, separator))
+            for row, cell in enumerate(cells, rows + 1):
+                if len(cell) != len(names):
+                    raise ValueError(_unequal(names, row, cell, separator))
             for column, words in zip(columns, zip(*cells, strict=True), strict=False):
                 column.add(words, rows)
             rows += len(cells)

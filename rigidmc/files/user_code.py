@@ -41,8 +41,8 @@ def class_of(folder: str, path: str, name: str, at: str) -> type[Any]:
         raise SceneError(f"there is no file {file}", at=f"{at}.module", value=path)
     if not file.endswith(".py"):
         raise SceneError("is not a Python file (.py)", at=f"{at}.module", value=path)
-    known, module = _modules.get(file, ({}, None))
-    if module is None or known != _changed(known):
+    times, module = _modules.get(file, ({}, None))
+    if module is None or times != _changed(times):
         module = _run(file, path, at)
         _modules[file] = _changed([file, *getattr(module, _BESIDE)]), module
     classes: dict[str, type[Any]] = {
@@ -50,12 +50,12 @@ def class_of(folder: str, path: str, name: str, at: str) -> type[Any]:
         for word, value in vars(module).items()
         if isinstance(value, type) and value.__module__ == module.__name__
     }
-    found = classes.get(name) or class_named(name, classes.values())
-    if found is None:
+    cls = classes.get(name) or class_named(name, classes.values())
+    if cls is None:
         rule = f"has no class {name}; it has {', '.join(classes) or 'none'}"
         close = nearest(name, list(classes))
         raise PartError(rule, at=f"{at}.module", value=path, nearest=close, source=file)
-    return found
+    return cls
 
 
 def class_named(name: str, classes: Iterable[type[Any]]) -> type[Any] | None:
@@ -140,11 +140,11 @@ def sources_of(kind: type[Any]) -> list[str]:
             continue
         seen.add(id(names))
         files |= dict.fromkeys([os.path.abspath(names["__file__"]), *names.get(_BESIDE, ())])
-        for one in list(names.values()):
-            if inspect.isfunction(one):
-                pending.append(one.__globals__)
-            elif inspect.ismodule(one):
-                pending.append(vars(one))
+        for value in list(names.values()):
+            if inspect.isfunction(value):
+                pending.append(value.__globals__)
+            elif inspect.ismodule(value):
+                pending.append(vars(value))
     return [name for name in files if os.path.isfile(name)]
 
 

@@ -58,16 +58,16 @@ def folders() -> list[str]:
     shadow nothing.
     """
     here, home = _place(os.curdir), os.path.dirname(PACKAGE)
-    known = [path for path in sys.path if os.path.isabs(path) and _place(path) != here]
-    return known if home in known else [*known, home]
+    outside = [path for path in sys.path if os.path.isabs(path) and _place(path) != here]
+    return outside if home in outside else [*outside, home]
 
 
 def environment() -> dict[str, str]:
     """Return the environment of a helper: the current one, without the variables that control
     Python, with absolute paths, and with a variable that keeps netCDF from reading .ncrc."""
-    known = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
-    places = {name: os.path.abspath(known[name]) for name in _PLACES if known.get(name)}
-    return {**known, **places, "NCRCENV_IGNORE": "1"}
+    kept = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
+    places = {name: os.path.abspath(kept[name]) for name in _PLACES if kept.get(name)}
+    return {**kept, **places, "NCRCENV_IGNORE": "1"}
 
 
 def _place(path: str) -> str:
@@ -115,5 +115,5 @@ def let_go(files: Iterable[int]) -> None:
     os.close(nothing)
 
 
-def _identity(found: os.stat_result) -> tuple[int, int]:
-    return found.st_dev, found.st_ino
+def _identity(status: os.stat_result) -> tuple[int, int]:
+    return status.st_dev, status.st_ino

@@ -110,8 +110,8 @@ def _t_end(dataset: Any) -> float:
 
 def is_censored(times: Array) -> NDArray[np.bool_]:
     """Whether each of signed times is censored."""
-    found: NDArray[np.bool_] = np.signbit(times) & ~np.isnan(times)
-    return found
+    result: NDArray[np.bool_] = np.signbit(times) & ~np.isnan(times)
+    return result
 
 
 def times_that_came(times: Array) -> Array:
@@ -123,9 +123,9 @@ def answers(times: Array, relation: str, number: float) -> Array:
     """Return 1 where a relation with a number holds, 0 where not, nan where that is unknown."""
     holds = RELATIONS[relation](np.abs(times), number).astype(float)
     later = {">": 1.0, ">=": 1.0, "<": 0.0, "<=": 0.0, "==": 0.0}[relation]
-    known = np.abs(times) * SAME >= number
-    found = np.where(is_censored(times), np.where(known, later, np.nan), holds)
-    return np.where(np.isnan(times), np.nan, found)
+    is_later = np.abs(times) * SAME >= number
+    result = np.where(is_censored(times), np.where(is_later, later, np.nan), holds)
+    return np.where(np.isnan(times), np.nan, result)
 
 
 def refuse_later_times(text: str, times: Array, number: float) -> None:
@@ -140,8 +140,8 @@ def share(times: Array) -> Array:
     """Return the fractions (...) of censored times among the times (..., n) that are not nan."""
     there = (~np.isnan(times)).sum(-1)
     with np.errstate(all="ignore"):
-        found: Array = np.where(there > 0, is_censored(times).sum(-1) / there, np.nan)
-    return found
+        result: Array = np.where(there > 0, is_censored(times).sum(-1) / there, np.nan)
+    return result
 
 
 class Survival(NamedTuple):
@@ -184,10 +184,10 @@ def survival(times: Array) -> Survival:
     size = np.full(s.size, float(numbers.size))
     with np.errstate(all="ignore"):
         spread = np.cumsum(d / (n * (n - d).astype(float)))
-        found = (1.0 - s[1:]) / (s[1:] * spread)
-    known = np.isfinite(found)
-    size[1:][known] = found[known]
-    for i in np.flatnonzero(~known):  # no members left: use the last known size
+        rate = (1.0 - s[1:]) / (s[1:] * spread)
+    is_finite = np.isfinite(rate)
+    size[1:][is_finite] = rate[is_finite]
+    for i in np.flatnonzero(~is_finite):  # no members left: use the last known size
         size[i + 1] = size[i] if i else float(n[0])
     return Survival(at, s, size, numbers, float(numbers[-1]) if numbers.size else np.nan)
 
@@ -201,8 +201,8 @@ def censored_probability(times: Array, relation: str, number: float, confidence:
     value, low, high = (np.array(x, float) for x in (value, low, high))
     if relation != "==":
         for i in map(tuple, np.argwhere((there & np.isnan(told)).any(-1))):
-            found = _probability_of(times[i], relation, number, confidence)
-            value[i], low[i], high[i] = found
+            estimate = _probability_of(times[i], relation, number, confidence)
+            value[i], low[i], high[i] = estimate
     return as_estimate(times, value, low, high)
 
 
@@ -228,8 +228,8 @@ def censored_quantile(times: Array, q: float, confidence: float) -> Estimate:
     end, the upper end of its interval is inf, and the lower one is the end of the members."""
     rows = times.reshape(math.prod(times.shape[:-1]), times.shape[-1])
     table = np.array([_quantile_of(row[~np.isnan(row)], q, confidence) for row in rows])
-    found = np.moveaxis(table.reshape(*times.shape[:-1], 3), -1, 0)
-    return as_estimate(times, *found)
+    columns = np.moveaxis(table.reshape(*times.shape[:-1], 3), -1, 0)
+    return as_estimate(times, *columns)
 
 
 def _quantile_of(times: Array, q: float, confidence: float) -> tuple[float, float, float]:
@@ -238,23 +238,23 @@ def _quantile_of(times: Array, q: float, confidence: float) -> tuple[float, floa
         return np.nan, np.nan, np.nan
     end = numbers[censored].min(initial=np.inf)
     if not censored.any() or end * SAME >= numbers[~censored].max(initial=-np.inf):
-        found = intervals.quantile(np.where(censored, np.inf, times), q, confidence, True)
-        return found.value, min(max(found.low, 0.0), end), found.high
+        plain = intervals.quantile(np.where(censored, np.inf, times), q, confidence, True)
+        return plain.value, min(max(plain.low, 0.0), end), plain.high
     return _by_survival(survival(times), q, 0.5 * (1.0 - confidence))
 
 
-def _by_survival(found: Survival, q: float, tail: float) -> tuple[float, float, float]:
+def _by_survival(curve: Survival, q: float, tail: float) -> tuple[float, float, float]:
     """Return (quantile, low, high). `low` is the last time at which a test of size `tail` finds the
     quantile later, `high` the first time at which it finds the quantile earlier."""
-    at, f = found.times, 1.0 - found.s
+    at, f = curve.times, 1.0 - curve.s
     # the smallest time with F >= q, or the middle where F = q, as in `intervals.quantile`
     first, last = (np.searchsorted(f[1:], q * (1.0 + x)) for x in (-WHOLE, WHOLE))
     later = np.append(at, np.inf)
     # at each event time, and at the end: the earlier events
-    before = np.append(at, found.last)
-    size = np.where(f > 0.0, found.size, [found.followed(t) for t in before])
+    before = np.append(at, curve.last)
+    size = np.where(f > 0.0, curve.size, [curve.followed(t) for t in before])
     late = _at_most(size, q, size * f) <= tail
-    early = _at_least(found.size[1:], q, found.size[1:] * f[1:]) <= tail
+    early = _at_least(curve.size[1:], q, curve.size[1:] * f[1:]) <= tail
     return (
         float(intervals.middle(later[first], later[last])),
         float(before[late].max(initial=0.0)),
@@ -266,15 +266,15 @@ def _at_most(n: Array, p: float, k: Array) -> Array:
     """Return P(B <= k) of a binomial B with n trials, extended to real n and k."""
     k = np.minimum(k, n)
     some = k < n * (1.0 - 1e-12)
-    found: Array = np.where(some, special.betainc(np.where(some, n - k, 1.0), k + 1.0, 1.0 - p), 1)
-    return found
+    share: Array = np.where(some, special.betainc(np.where(some, n - k, 1.0), k + 1.0, 1.0 - p), 1)
+    return share
 
 
 def _at_least(n: Array, p: float, k: Array) -> Array:
     """Return P(B >= k) of a binomial B with n trials, extended to real n and k."""
     # 1e-300 avoids k = 0, whose value is not used
-    found: Array = np.where(k > 0.0, special.betainc(np.maximum(k, 1e-300), n - k + 1.0, p), 1.0)
-    return found
+    share: Array = np.where(k > 0.0, special.betainc(np.maximum(k, 1e-300), n - k + 1.0, p), 1.0)
+    return share
 
 
 def _last(times: Array) -> Any:

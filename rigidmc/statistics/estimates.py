@@ -48,9 +48,9 @@ def estimate(dataset: xr.Dataset, text: str, confidence: float = 0.95) -> Estima
     """
     asked = _asked(dataset, text)
     who = asked.asks(dataset)
-    found = _interval(dataset, asked, asked.values(dataset), who, confidence).each(float)
-    asked.refuse_unknown(found)
-    return found
+    interval = _interval(dataset, asked, asked.values(dataset), who, confidence).each(float)
+    asked.refuse_unknown(interval)
+    return interval
 
 
 def estimate_by(dataset: xr.Dataset, text: str, by: str, confidence: float = 0.95) -> xr.Dataset:
@@ -72,14 +72,15 @@ def estimate_by(dataset: xr.Dataset, text: str, by: str, confidence: float = 0.9
     there = np.arange(values.shape[1]) < counts[:, None]
     values[there] = asked.values(dataset)[some][order]
     there[there] = who[some][order]
-    found = _interval(dataset, asked, values, there, confidence)
+    intervals = _interval(dataset, asked, values, there, confidence)
     units = asked.units(dataset.data_vars)
     attrs = {"long_name": text, "units": units, "confidence": confidence}
     variables: dict[str, Any] = {
-        name: ((by,), numbers, attrs) for name, numbers in zip(found._fields, found, strict=True)
+        name: ((by,), numbers, attrs)
+        for name, numbers in zip(intervals._fields, intervals, strict=True)
     }
     about = {"long_name": "fraction of the selected members without a value", "units": "1"}
-    variables["without"] = ((by,), found.without, about)
+    variables["without"] = ((by,), intervals.without, about)
     counts = np.bincount(group[good[some]], minlength=groups.size)
     members = ((by,), counts, {"long_name": "good members of the group"})
     return xr.Dataset({**variables, "members": members}, {by: groups})
@@ -90,10 +91,10 @@ def _asked(dataset: xr.Dataset, text: str) -> Measure:
 
 
 def _labels(dataset: xr.Dataset, by: str) -> NDArray[np.generic]:
-    known = [str(name) for name, v in dataset.variables.items() if v.dims == ("member",)]
-    if by not in known:
-        rule = f"no such variable with one value per member; known: {', '.join(known)}"
-        raise OptionError(rule, at="by", value=by, nearest=nearest(by, known))
+    by_member = [str(name) for name, v in dataset.variables.items() if v.dims == ("member",)]
+    if by not in by_member:
+        rule = f"no such variable with one value per member; known: {', '.join(by_member)}"
+        raise OptionError(rule, at="by", value=by, nearest=nearest(by, by_member))
     labels: NDArray[np.generic] = dataset[by].values
     return labels
 
@@ -105,11 +106,11 @@ def _interval(
     who: NDArray[np.bool_],
     confidence: float,
 ) -> Estimate:
-    found = asked.interval(values, who, confidence)
+    interval = asked.interval(values, who, confidence)
     if not why_no_interval(dataset):
-        return found
-    unknown = np.full(np.shape(found.value), np.nan)
-    return Estimate(found.value, unknown, unknown, found.without, found.until)
+        return interval
+    unknown = np.full(np.shape(interval.value), np.nan)
+    return Estimate(interval.value, unknown, unknown, interval.without, interval.until)
 
 
 Array = NDArray[np.float64]
@@ -144,10 +145,10 @@ def component_of(recording: Recording, text: str, key: str) -> StateComponent:
         raise OptionError("expected an observable: NAME or NAME[3]", at=key, value=text)
     name, component = match["name"], match["component"]
     names = dict.fromkeys((*OBSERVABLES, *own(recording.observables), *recording.recorded))
-    known = [word for word in names if of_the_state(recording, word)]
-    if name not in known:
-        rule = f"no such observable of the state at save times; known: {', '.join(known)}"
-        raise OptionError(rule, at=key, value=text, nearest=nearest(name, known))
+    of_state = [word for word in names if of_the_state(recording, word)]
+    if name not in of_state:
+        rule = f"no such observable of the state at save times; known: {', '.join(of_state)}"
+        raise OptionError(rule, at=key, value=text, nearest=nearest(name, of_state))
     dims = recording.observable(name).dims
     labels = [str(label) for label in DIMENSIONS[dims[0]].labels] if dims else []
     if (component is None) == bool(labels) or (labels and component not in labels):

@@ -158,7 +158,7 @@ def half_of_mean(variance: ArrayLike, count: ArrayLike, confidence: float = 0.95
 
 
 def correlation(
-    one: NDArray[np.float64], other: NDArray[np.float64], confidence: float = 0.95
+    first: NDArray[np.float64], other: NDArray[np.float64], confidence: float = 0.95
 ) -> Interval:
     """Estimate Pearson's correlation coefficient along the last axis, with Fisher's interval.
 
@@ -171,12 +171,12 @@ def correlation(
     Source: Fisher, Metron 1 (1921) 3.
     """
     _check(confidence)
-    there = np.isfinite(one) & np.isfinite(other)
+    there = np.isfinite(first) & np.isfinite(other)
     n = there.sum(-1)
-    pairs = (np.where(there, x, np.nan) for x in (one, other))
+    pairs = (np.where(there, x, np.nan) for x in (first, other))
     same = np.logical_or(*map(is_constant, pairs))
     with np.errstate(all="ignore"):
-        a, b = (np.where(there, x, 0.0) for x in (one, other))
+        a, b = (np.where(there, x, 0.0) for x in (first, other))
         a, b = (np.where(there, x - (x.sum(-1) / n)[..., None], 0.0) for x in (a, b))
         size = np.sqrt((a * a).sum(-1)) * np.sqrt((b * b).sum(-1))
         size = np.where(same, np.nan, size)
@@ -287,7 +287,7 @@ def mean_of_skew(values: ArrayLike, confidence: float = 0.95) -> Interval:
 
     values : (n,), not negative;  raises OptionError for an impossible confidence
     """
-    value, _, high = (float(one) for one in mean(values, confidence=confidence))
+    value, _, high = (float(number) for number in mean(values, confidence=confidence))
     n = np.size(values)
     half = (high - value) / value if value > 0.0 else 0.0  # t c/n^(1/2)
     t = special.stdtrit(n - 1, 0.5 + 0.5 * confidence)

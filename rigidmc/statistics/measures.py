@@ -77,10 +77,10 @@ class Condition(NamedTuple):
         members that have no value, or whose event is later than their end."""
         if self.result.timed:
             return censored.answers(values, self.relation, self.number)
-        found: NDArray[np.float64] = RELATIONS[self.relation](values, self.number).astype(float)
+        holds: NDArray[np.float64] = RELATIONS[self.relation](values, self.number).astype(float)
         if (unknown := np.isnan(values)).any():
-            found[unknown] = np.nan
-        return found
+            holds[unknown] = np.nan
+        return holds
 
 
 class Measure(NamedTuple):
@@ -108,13 +108,13 @@ class Measure(NamedTuple):
     def results(self) -> tuple[Result, ...]:
         """The variables or components that the measure uses."""
         more = self.other, self.given and self.given.result
-        return (self.result, *(one for one in more if one is not None))
+        return (self.result, *(variable for variable in more if variable is not None))
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the variables that the measure uses."""
-        ends = (FOLLOWED,) if any(one.timed for one in self.results) else ()
-        return (*(one.name for one in self.results), *ends)
+        ends = (FOLLOWED,) if any(variable.timed for variable in self.results) else ()
+        return (*(variable.name for variable in self.results), *ends)
 
     @property
     def dtype(self) -> str:
@@ -138,8 +138,8 @@ class Measure(NamedTuple):
         elif self.kind == "p":
             values = Condition(self.result, self.relation, self.number).answers(values)
         elif self.other is not None:
-            one, other = self._plain(values), self.other.values(dataset)
-            values = one + 1j * (censored.times_that_came(other) if self.other.timed else other)
+            first, other = self._plain(values), self.other.values(dataset)
+            values = first + 1j * (censored.times_that_came(other) if self.other.timed else other)
         return values.astype(self.dtype)
 
     def outcomes(self, dataset: Columns) -> NDArray[np.float64]:
@@ -159,12 +159,12 @@ class Measure(NamedTuple):
     def asks(self, dataset: Columns) -> NDArray[np.bool_]:
         """Return which members (n,) the measure selects: good members for which the condition
         holds; for the time of an event also flagged members, until the flag."""
-        found: NDArray[np.bool_] = dataset["status"].values == 0
+        is_asked: NDArray[np.bool_] = dataset["status"].values == 0
         if self.result.timed and self.kind in ("p", "quantile"):
-            found = ~np.isnan(censored.ends_of(dataset))
+            is_asked = ~np.isnan(censored.ends_of(dataset))
         if self.given is not None:
-            found &= self.given.answers(self.given.result.values(dataset)) == 1.0
-        return found
+            is_asked &= self.given.answers(self.given.result.values(dataset)) == 1.0
+        return is_asked
 
     def numbers(self, dataset: xr.Dataset) -> NDArray[np.float64]:
         """Return the number of each single member (n,), nan for members that are flagged, not
@@ -197,19 +197,19 @@ class Measure(NamedTuple):
             without = 1.0 - there.sum(-1) / asked.sum(-1)
         if self.kind == "p":
             successes = (there & (values == 1.0)).sum(-1)
-            found = intervals.probability(successes, there.sum(-1), confidence)
+            interval = intervals.probability(successes, there.sum(-1), confidence)
         elif self.kind == "correlation":
             values = np.where(there, values, np.nan)
-            found = intervals.correlation(values.real, values.imag, confidence)
-            if any(one.timed for one in self.results[:2]):
-                known = without == 0.0
-                found = Interval(*(np.where(known, x, np.nan) for x in found))
+            interval = intervals.correlation(values.real, values.imag, confidence)
+            if any(variable.timed for variable in self.results[:2]):
+                is_known = without == 0.0
+                interval = Interval(*(np.where(is_known, x, np.nan) for x in interval))
         elif self.kind == "mean":
-            found = intervals.mean(np.where(there, values, np.nan), confidence=confidence)
+            interval = intervals.mean(np.where(there, values, np.nan), confidence=confidence)
         else:
             values = np.where(there, values, np.nan)
-            found = intervals.quantiles(values, self.number, confidence)
-        return Estimate(*found, without)
+            interval = intervals.quantiles(values, self.number, confidence)
+        return Estimate(*interval, without)
 
     def _timed(self, times: NDArray[np.float64], confidence: float) -> Estimate:
         """Return the Estimate of an event time, from signed times (..., n)."""
@@ -217,21 +217,21 @@ class Measure(NamedTuple):
             return censored.censored_probability(times, self.relation, self.number, confidence)
         if self.kind == "quantile":
             return censored.censored_quantile(times, self.number, confidence)
-        found = intervals.mean(times, confidence=confidence)
+        interval = intervals.mean(times, confidence=confidence)
         none = censored.is_censored(times).any(-1)
-        return censored.as_estimate(times, *(np.where(none, np.nan, x) for x in found))
+        return censored.as_estimate(times, *(np.where(none, np.nan, x) for x in interval))
 
-    def refuse_unknown(self, found: Estimate) -> None:
+    def refuse_unknown(self, estimate: Estimate) -> None:
         """Raise OptionError for the mean or correlation of the time of an event that has not
         occurred in all members: the mean over the members with the event is a different number."""
-        if self.kind in ("mean", "correlation") and any(one.timed for one in self.results[:2]):
-            self._refuse(float(found.without), float(found.until))
+        if self.kind in ("mean", "correlation") and any(v.timed for v in self.results[:2]):
+            self._refuse(float(estimate.without), float(estimate.until))
 
     def _refuse(self, without: float, until: float) -> None:
         """Raise the error of `refuse_unknown`."""
         if not without > 0.0:
             return
-        name = next(one.name for one in self.results if one.timed)
+        name = next(variable.name for variable in self.results if variable.timed)
         end, some = ("by the end", "T_END") if until != until else (f"by {until:g} s", f"{until:g}")
         rule = (
             f"{100.0 * without:.3g} % of the members have no {name} {end}, so the value is unknown:"
@@ -255,7 +255,7 @@ def save_for_measures(scene: Scene, texts: Iterable[str]) -> Scene:
         if len(kind._field_defaults) == len(kind._fields):
             observable |= dict.fromkeys(kind.outputs, name)
     words = [word for text in texts for word in re.findall(r"[A-Za-z_]\w*", text)]
-    present = {word_of_observable(one) for one in scene.observables} | set(scene.run.save)
+    present = {*map(word_of_observable, scene.observables), *scene.run.save}
     named = dict.fromkeys(observable[word] for word in words if word in observable)
     missing = [name for name in named if name not in present]
     if not missing:
@@ -301,15 +301,15 @@ def measure(text: str, variables: Variables, may_save_more: bool = True) -> Meas
             results[of] = Result(name, int(axis) if axis else None, timed)
     if unit := parts.get("unit"):
         number = _in_si(text, number, unit, variables[results[""].name])
-    given = None
+    condition = None
     if "given_" in results:
         than = float(parts["given_number"])
         if unit := parts.get("given_unit"):
             than = _in_si(text, than, unit, variables[results["given_"].name])
-        given = Condition(results["given_"], parts["given_relation"], than)
+        condition = Condition(results["given_"], parts["given_relation"], than)
     kind = {"median": "quantile", "": "mean"}.get(kind, kind)
     relation, other = parts.get("relation") or "", results.get("other_")
-    return Measure(text.strip(), kind, results[""], relation, number, other, given)
+    return Measure(text.strip(), kind, results[""], relation, number, other, condition)
 
 
 def _in_si(text: str, number: float, unit: str, variable: Any) -> float:
@@ -339,25 +339,25 @@ def _dims(text: str, name: str, variables: Variables, may_save_more: bool) -> tu
     """Return the dimensions of a variable with one value, or three components, per member;
     OptionError."""
     shapes = (("member",), ("axis", "member"))
-    able = {str(name): tuple(map(str, one.dims)) for name, one in variables.items()}
+    able = {str(name): tuple(map(str, variable.dims)) for name, variable in variables.items()}
     able = {name: dims for name, dims in able.items() if dims in shapes}
     if name in able:
         return able[name]
-    known = [n for n in able if not n.startswith(("start_", "status"))]
+    names = [n for n in able if not n.startswith(("start_", "status"))]
     owned = [variable for variable, owner in owners_of_variables().items() if owner == name]
     owned = owned or [n for n in WATCHED_STATISTICS if n.rpartition("_")[0] == name]
     if owned and name not in owned:
         rule = f"{name} is an observable: use one of its variables, {', '.join(owned)}"
         raise OptionError(rule, at="measure", value=text)
     if not may_save_more:
-        rule = f"no such variable with one value per member; known: {', '.join(known)}"
+        rule = f"no such variable with one value per member; known: {', '.join(names)}"
         more = f"{rule}; `rigidmc run SCENE --save NAME` saves more"
-        raise OptionError(more, at="measure", value=text, nearest=nearest(name, known))
+        raise OptionError(more, at="measure", value=text, nearest=nearest(name, names))
     free = [k for k in WATCHED.values() if not k._fields or k._field_defaults]
-    known += [n for kind in free for n in kind.outputs]
-    known = list(dict.fromkeys([*known, *WATCHED_STATISTICS]))
+    names += [n for kind in free for n in kind.outputs]
+    names = list(dict.fromkeys([*names, *WATCHED_STATISTICS]))
     rule = (
-        f"no such variable with one value per member; known: {', '.join(known)};"
+        f"no such variable with one value per member; known: {', '.join(names)};"
         " passages in a scene with [observables.passage]"
     )
-    raise OptionError(rule, at="measure", value=text, nearest=nearest(name, known))
+    raise OptionError(rule, at="measure", value=text, nearest=nearest(name, names))

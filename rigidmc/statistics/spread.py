@@ -86,8 +86,8 @@ def spreads(
     left, first = states, True
     while left or first:
         asked = [state.row for state in left]
-        for numbers, found in _passed(dataset, asked, codes if first else ()):
-            for name, members in zip(codes, found, strict=False):
+        for numbers, part in _passed(dataset, asked, codes if first else ()):
+            for name, members in zip(codes, part, strict=False):
                 counted[name] += members
             for state, x in zip(left, numbers, strict=True):
                 state.take(x, first)
@@ -172,18 +172,18 @@ class _Part(NamedTuple):
 def _search(numbers: Array, brackets: list[tuple[float, float]], first: bool) -> _Part:
     """Return the part of a piece; without sums and range after the first pass."""
     x = _finite(numbers)
-    found = [_find(x, low, high) for low, high in brackets]
+    ranks = [_find(x, low, high) for low, high in brackets]
     if not first or not x.size:
         unknown = int(np.isnan(numbers).sum()) if first else 0
         members = numbers.size if first else 0
-        return _Part(members, unknown, 0, np.nan, np.inf, -np.inf, 0.0, 0.0, found)
+        return _Part(members, unknown, 0, np.nan, np.inf, -np.inf, 0.0, 0.0, ranks)
     unknown = int(np.isnan(numbers).sum()) if x.size < numbers.size else 0
     low, high = float(x.min()), float(x.max())
     with np.errstate(over="ignore", invalid="ignore"):
         total = float(x.sum())
         apart = x - total / x.size
         squares = float(np.square(apart, apart).sum())
-    return _Part(numbers.size, unknown, x.size, float(x[0]), low, high, total, squares, found)
+    return _Part(numbers.size, unknown, x.size, float(x[0]), low, high, total, squares, ranks)
 
 
 def _find(x: Array, low: float, high: float) -> _Found:
@@ -222,13 +222,13 @@ class _Bracket:
         if high < numbers.size:
             self.high = float(numbers[high])
 
-    def take(self, found: _Found) -> None:
+    def take(self, part: _Found) -> None:
         """Add what is found in a piece."""
-        self._below += found.below
-        self._at_low += found.at_low
-        self._at_high += found.at_high
-        self._inside += found.inside.size
-        kept = found.inside[:: self._stride]
+        self._below += part.below
+        self._at_low += part.at_low
+        self._at_high += part.at_high
+        self._inside += part.inside.size
+        kept = part.inside[:: self._stride]
         self._kept.append(kept)
         self._held += kept.size
         while self._held > KEPT:
@@ -286,8 +286,8 @@ class _State:
 
     def _add(self, part: _Part) -> None:
         """Add the part of a piece."""
-        for bracket, found in zip(self._left, part.found, strict=True):
-            bracket.take(found)
+        for bracket, ranks in zip(self._left, part.found, strict=True):
+            bracket.take(ranks)
         self._members += part.members
         self._unknown += part.unknown
         if not part.finite:
@@ -305,7 +305,7 @@ class _State:
         """Whether all quantiles are known."""
         if not self._count:
             return True
-        self._left = [one for one in self._left if not one.is_known(self._count)]
+        self._left = [bracket for bracket in self._left if not bracket.is_known(self._count)]
         return not self._left
 
     def spread(self) -> Spread:

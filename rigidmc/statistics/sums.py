@@ -43,8 +43,8 @@ def moments_of_groups(x: Array, there: NDArray[np.bool_]) -> Array:
     """Return the Moments (3, groups) of each group of numbers (n,), of which only those that are
     `there` count; the last group may be short."""
     starts = np.arange(0, x.size, GROUP)
-    found = np.empty((3, starts.size))
-    count, mean, squares = found
+    moments = np.empty((3, starts.size))
+    count, mean, squares = moments
     if everywhere := bool(there.all()):
         count[:], count[-1:] = GROUP, x.size - starts[-1:]
     else:
@@ -57,7 +57,7 @@ def moments_of_groups(x: Array, there: NDArray[np.bool_]) -> Array:
     if not everywhere:
         apart[~there] = 0.0
     np.add.reduceat(apart, starts, out=squares)
-    return found
+    return moments
 
 
 class OrderedSums:
@@ -73,14 +73,14 @@ class OrderedSums:
         self._groups = 0  # of the pieces of a row
         self._totals = [Moments() for _ in range(rows)]
 
-    def add(self, group: int, found: list[Array]) -> None:
+    def add(self, group: int, sums: list[Array]) -> None:
         """Add the Moments (3, groups) of a block, for each row.
 
         group : number of the first group of the block
         """
         if not self._totals:
             return
-        self._waiting[group] = found
+        self._waiting[group] = sums
         while (ready := self._waiting.pop(self._next, None)) is not None:
             for pieces, piece in zip(self._pieces, ready, strict=True):
                 pieces.append(piece)
