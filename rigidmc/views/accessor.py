@@ -85,8 +85,8 @@ class Rigid(ResultStates):
         if not name.startswith("_"):  # copies look for their own methods before there is a Dataset
             from rigidmc.physics.observables import KNOWN
 
-            saves = [one for one in KNOWN if f"{name}_".startswith(f"{one}_")]
-            close = nearest(name, [one for one in dir(self) if not one.startswith("_")])
+            saves = [word for word in KNOWN if f"{name}_".startswith(f"{word}_")]
+            close = nearest(name, [word for word in dir(self) if not word.startswith("_")])
             if name in self._dataset:
                 rule += f"; it is a variable of the result: ds.{name}"
             elif saves:

@@ -226,11 +226,11 @@ def between_frames(ds: xr.Dataset) -> str:
     if times.size < 2:
         return ""
     between = float(np.diff(times).max())
-    found = sparse(fastest(ds, ATTITUDE), between)
-    if found is None:
+    turn = sparse(fastest(ds, ATTITUDE), between)
+    if turn is None:
         return ""
-    frames, shown = math.ceil((times[-1] - times[0]) / found.every) + 1, len(times)
+    frames, shown = math.ceil((times[-1] - times[0]) / turn.every) + 1, len(times)
     return (
-        f"the body {found.who()} between frames, so the apparent motion is wrong: show"
-        f" {found.every * (shown - 1):.2g} s or less in {shown:,} frames, or use {frames:,} frames"
+        f"the body {turn.who()} between frames, so the apparent motion is wrong: show"
+        f" {turn.every * (shown - 1):.2g} s or less in {shown:,} frames, or use {frames:,} frames"
     )

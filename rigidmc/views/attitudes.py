@@ -66,11 +66,11 @@ def euler_of(ds: xr.Dataset, sequence: str, unwrap: bool) -> xr.Dataset:
         name: xr.Variable(dims, angles[..., i].variable.data, _attributes(sequence, i))
         for i, name in enumerate(names)
     }
-    found = xr.Dataset(
+    dataset = xr.Dataset(
         variables, {name: q[name] for name in ("time", "member") if name in q.coords}
     )
-    found.attrs["sequence"] = sequence
-    return _unwrapped(ds, found, sequence) if unwrap else found
+    dataset.attrs["sequence"] = sequence
+    return _unwrapped(ds, dataset, sequence) if unwrap else dataset
 
 
 def _attributes(sequence: str, place: int) -> dict[str, Any]:
@@ -121,12 +121,12 @@ def refuse_lost_turns(ds: xr.Dataset, angles: xr.Dataset, sequence: str) -> None
     spin, longest = fastest(ds, ATTITUDE), float(between.max())
     rates = _largest_rates(ds, angles, sequence, spin)
     locked, each = np.isinf(rates), range(rates.size)
-    found = sparse(np.maximum(np.where(locked, 0.0, rates), spin), longest, each)
+    turn = sparse(np.maximum(np.where(locked, 0.0, rates), spin), longest, each)
     first, _, third = angle_names(sequence)
     where = f"between saves {longest:.4g} s apart, so turns may be lost: use"
-    if found is not None:
-        cure = f"every <= {found.every:g} s in the run or in a rerun of members"
-        raise ValueError(f"{first}, {third}: {found.who()} {where} {cure}")
+    if turn is not None:
+        cure = f"every <= {turn.every:g} s in the run or in a rerun of members"
+        raise ValueError(f"{first}, {third}: {turn.who()} {where} {cure}")
     if locked.any():
         who = f"{np.count_nonzero(locked):,} of {locked.size:,} members may pass gimbal lock"
         cure = f"a sequence that stays away from it, such as {_other(sequence)}, or a smaller every"
@@ -155,10 +155,10 @@ def _largest_rates(ds: xr.Dataset, angles: xr.Dataset, sequence: str, spin: Floa
         else:
             j, k = int(sequence[1]) - 1, int(sequence[2]) - 1
             sign = 1.0 if (j - k) % 3 == 1 else -1.0
-            one, two = omega[:, j], sign * omega[:, 3 - j - k]  # along e_j and e_k x e_j
-            across, along = np.hypot(one, two), np.abs(omega[:, k])
-            swing = np.abs(np.cos(last) * one - np.sin(last) * two)
-            third = along + np.abs(np.sin(last) * one + np.cos(last) * two) / np.tan(distance)
+            x, y = omega[:, j], sign * omega[:, 3 - j - k]  # along e_j and e_k x e_j
+            across, along = np.hypot(x, y), np.abs(omega[:, k])
+            swing = np.abs(np.cos(last) * x - np.sin(last) * y)
+            third = along + np.abs(np.sin(last) * x + np.cos(last) * y) / np.tan(distance)
         across, along, swing, third = (
             np.maximum(x[1:], x[:-1]) for x in (across, along, swing, third)
         )

@@ -104,27 +104,27 @@ class ResultAxes:
         from rigidmc.scene.scene import scene_of
 
         ds = self._dataset
-        given = self._body_values(name)
+        stored = self._body_values(name)
         if is_described(ds):
-            return given
+            return stored
         body = scene_of(ds, allow_code=None).body  # needs no physics
         if body.is_turned or body.axes != IDENTITY:
             _refuse_extremes(name)
-        kind = "quat" if "quat" in given.dims else "axis"
+        kind = "quat" if "quat" in stored.dims else "axis"
         axes = quaternion(np.array(body.axes))
 
-        def turned(values: NDArray[Any], own: NDArray[Any] | None = None) -> NDArray[Any]:
-            turn = axes if own is None else product(axes, own)
+        def turned(values: NDArray[Any], moved: NDArray[Any] | None = None) -> NDArray[Any]:
+            turn = axes if moved is None else product(axes, moved)
             if kind == "axis":
                 return to_space(turn, values)
             return product(values, np.stack(conjugate(np.moveaxis(turn, -1, 0)), -1))
 
-        parts = [(given, [kind])]
+        parts = [(stored, [kind])]
         if "principal_axes" in ds:
             parts.append((ds.principal_axes.rename(quat="own"), ["own"]))
-        found = apply_lazily(turned, parts, [kind]).transpose(*given.dims)
-        text = f"{given.attrs.get('long_name', name)}; in the described axes"
-        return found.assign_coords(given.coords).assign_attrs({**given.attrs, "long_name": text})
+        values = apply_lazily(turned, parts, [kind]).transpose(*stored.dims)
+        text = f"{stored.attrs.get('long_name', name)}; in the described axes"
+        return values.assign_coords(stored.coords).assign_attrs({**stored.attrs, "long_name": text})
 
     def principal(self, name: str) -> xr.DataArray:
         """Return saved states in the principal axes of each member.
@@ -156,23 +156,23 @@ class ResultAxes:
         """
         from rigidmc.results.frames import is_described, principal
 
-        given = self._body_values(name)
+        values = self._body_values(name)
         if not is_described(self._dataset):
-            return given
+            return values
         _refuse_extremes(name)
-        text = f"{given.attrs.get('long_name', name)}; in the principal axes"
-        return principal(self._dataset, name).assign_attrs({**given.attrs, "long_name": text})
+        text = f"{values.attrs.get('long_name', name)}; in the principal axes"
+        return principal(self._dataset, name).assign_attrs({**values.attrs, "long_name": text})
 
     def _body_values(self, name: str) -> xr.DataArray:
         """Return a variable; ValueError unless it is a vector in the body or an attitude."""
-        given = self._dataset.get(name)
-        if given is None or not {"axis", "quat"} & {*given.dims} or name == "moments":
+        values = self._dataset.get(name)
+        if values is None or not {"axis", "quat"} & {*values.dims} or name == "moments":
             rule = "neither a vector in the body nor an attitude of this result"
             raise ValueError(f"{name}: {rule}")
-        if "parameter" in given.dims:
+        if "parameter" in values.dims:
             rule = "derivatives are in the axes of the result: other axes may change, too"
             raise ValueError(f"{name}: {rule}")
-        return given
+        return values
 
     def rotation(self) -> Any:
         """Return the saved attitudes as a scipy Rotation, from body to space.
@@ -282,11 +282,11 @@ class ResultAxes:
         if angles is None or angles.attrs.get("units") != "rad" or "time" not in angles.dims:
             raise ValueError(f"{name}: expected phi, psi or an angle [rad] saved at all times")
         between = float(np.diff(ds.time.values).max(initial=0.0))
-        found = sparse(angle_rates(ds, name), between, range(ds.sizes["member"]))
-        if found is not None:
+        turn = sparse(angle_rates(ds, name), between, range(ds.sizes["member"]))
+        if turn is not None:
             raise ValueError(
-                f"{name}: {found.who()} between saves {between:.4g} s apart, so turns may be lost:"
-                f" use every <= {found.every:g} s in the run or in a rerun of members"
+                f"{name}: {turn.who()} between saves {between:.4g} s apart, so turns may be lost:"
+                f" use every <= {turn.every:g} s in the run or in a rerun of members"
             )
         axis = angles.dims.index("time")
         return angles.copy(data=np.unwrap(angles.values, axis=axis))

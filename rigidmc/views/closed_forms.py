@@ -76,8 +76,8 @@ def axis_path(
     mark_starts(axes, x[:1], y[:1])
     axes.legend(loc="lower center", ncols=2, fontsize=9, frameon=False)
     period = float(nutation.period)
-    whole = not t[-1] < 0.999 * periods * period
-    shown = f"{periods} nutations" if whole else f"{t[-1] / period:.2g} of a nutation"
+    is_complete = not t[-1] < 0.999 * periods * period
+    shown = f"{periods} nutations" if is_complete else f"{t[-1] / period:.2g} of a nutation"
     axes.set_title(f"Axis of the top in space, {shown}: {nutation.kind}", fontsize=10)
     return figure_of(axes)
 
@@ -308,10 +308,10 @@ def lagrange_summary(
     draw_effective_potential(moments, weight, momentum, attitude, upper)
     top = analyse_lagrange_top(moments, weight, momentum, attitude)
     t = _times(moments, momentum, top, 4)
-    found = solve_lagrange_top(moments, weight, momentum, attitude, t).attitude
+    attitudes = solve_lagrange_top(moments, weight, momentum, attitude, t).attitude
     period = float(top.period)
     means = float(top.precession) / period, float(top.spin) / period
-    euler_angles(found, t, lower, means if np.isfinite(means).all() else None)
+    euler_angles(attitudes, t, lower, means if np.isfinite(means).all() else None)
     return figure
 
 
@@ -390,7 +390,7 @@ def _resolved(moments: ArrayLike, momentum: ArrayLike, end: float) -> NDArray[np
     rates = turning_rates(
         np.asarray(moments, float)[:, None], np.asarray(momentum, float)[:, None], Drive(True)
     )
-    rate = max(float(one[0]) for one in rates)
+    rate = max(float(each[0]) for each in rates)
     count = int(np.clip(np.ceil(rate * end / FINE), *DENSE))
     last = min(end, count * FINE / rate) if rate > 0.0 else end
     return np.linspace(0.0, last, count)

@@ -68,8 +68,8 @@ def sample_of_motion(ds: xr.Dataset) -> tuple[xr.Dataset, str]:
     if "attitude" in part:
         states["attitude"] = motion.attitude, "quat"
     bare = some.drop_dims("time").assign_coords(time=("time", t, part.time.attrs))
-    found = bare.assign({
+    sample = bare.assign({
         name: described(bare, xr.DataArray(values, dims=("time", "member", dim)))
         for name, (values, dim) in states.items()
     })  # fmt: skip
-    return found, "states"
+    return sample, "states"

@@ -156,8 +156,8 @@ def _steps(prepared_run: PreparedRun, every: SaveTimes | None, device: str = "cp
     pieces = f" of {parts} parts each" if parts > 1 else ""
     end = f"t_end = {run.t_end:g} s, omega dt <= {plan.angle:.2g} rad"
     if plan.has_member_steps:
-        own = f"different for each member, {plan.mean_steps:,.1f} on average in the pilot"
-        lines.append(f"steps        {f'{pieces.strip()}, ' if pieces else ''}{own}, {end}")
+        length = f"different for each member, {plan.mean_steps:,.1f} on average in the pilot"
+        lines.append(f"steps        {f'{pieces.strip()}, ' if pieces else ''}{length}, {end}")
     else:
         less = ""
         if grid.is_shortened and plan.scheme:
@@ -180,11 +180,11 @@ def _steps(prepared_run: PreparedRun, every: SaveTimes | None, device: str = "cp
         parameters = count_text(len(plan.wrt), "parameter")
         each = f"{count_text(made.passes, 'pass', 'passes')} of {made.at_once}"
         lines.append(f"derivatives  {parameters}: {each}; d_NAME by {', '.join(plan.wrt)}")
-    if (found := sparse_saves(scene.model, run)) is not None:
-        name, one = found
+    if (sparse := sparse_saves(scene.model, run)) is not None:
+        name, turn = sparse
         lines.append(
-            f"             {name} {one.who()} between saves: lines through the saves misrepresent"
-            f" the motion; use every <= {one.every:g} s"
+            f"             {name} {turn.who()} between saves: lines through the saves misrepresent"
+            f" the motion; use every <= {turn.every:g} s"
         )
     return lines
 
@@ -223,17 +223,17 @@ def _cost(run: PreparedRun, threads: int, device: str) -> list[str]:
     total = cost * 1e-9 * moved_at_once(run.members.size, threads, device) * plan.mean_steps
     made = run.program(device)
     assert made is not None
-    one, every = made.places(threads)
+    place, every = made.places(threads)
     digits = ".3g" if is_gpu(device) else ".2f"
     lines.append(
-        f"cost         {cost:{digits}} ns per member-step on {one} (measured now);"
+        f"cost         {cost:{digits}} ns per member-step on {place} (measured now);"
         f" about {total:.2g} s for the steps on {every}"
     )
     works, quiet, effects = recorded.has_work, cost, plan.model.effects
     if plan.monitors.rows or works:
         quiet = cost_per_step(some_of(run, range(len(effects))), device)
     watched = [
-        label for label, one in recorded.monitored if not isinstance(one, EnsembleObservable)
+        label for label, kind in recorded.monitored if not isinstance(kind, EnsembleObservable)
     ]
     if watched:
         more = " and the ledger of work" if works else ""
@@ -356,20 +356,20 @@ def top_type(moments: NDArray[np.float64]) -> str:
 
 def describe_body(body: Body, title: str) -> list[str]:
     """Describe a body in lines of text."""
-    known = body_facts(body)
-    moments, axes, centre = (np.array(known[key]) for key in ("moments", "axes", "centre"))
-    size = np.sqrt(moments.max() / known["mass"])  # m
+    facts = body_facts(body)
+    moments, axes, centre = (np.array(facts[key]) for key in ("moments", "axes", "centre"))
+    size = np.sqrt(moments.max() / facts["mass"])  # m
     lines = [
-        f"{title}: {known['shape']}",
-        f"mass         {known['mass']:.12g} kg",
+        f"{title}: {facts['shape']}",
+        f"mass         {facts['mass']:.12g} kg",
         f"centre       ({_row(centre, size)}) m from the fixed point, in the described axes",
         with_units("tensor       about the fixed point, in the described axes", "kg m2"),
     ]
-    largest = np.abs(known["tensor"]).max()
-    clean = [[0.0 if abs(x) < 1e-15 * largest else x for x in row] for row in known["tensor"]]
+    largest = np.abs(facts["tensor"]).max()
+    clean = [[0.0 if abs(x) < 1e-15 * largest else x for x in row] for row in facts["tensor"]]
     lines += ["             " + " ".join(f"{x:18.10g}" for x in row) for row in clean]
     lines.append(f"principal    {with_units('moment', 'kg m2')}       axis, in the described axes")
-    names = dict(zip(known["order"], ("smallest", "middle", "largest"), strict=True))
+    names = dict(zip(facts["order"], ("smallest", "middle", "largest"), strict=True))
     for a, b in ((0, 1), (1, 2), (2, 0)):
         if abs(moments[a] - moments[b]) <= SAME * moments[a]:
             names[a + 1] = names[b + 1] = "equal"
@@ -380,17 +380,17 @@ def describe_body(body: Body, title: str) -> list[str]:
         principal = inertia.survives(axes.T, centre)
         words = ", ".join(str(k + 1) for k in range(3) if principal[k]) or "none"
         lines.append(f"axes that are also principal about the centre of mass: {words}")
-    lines += _stability(moments, known, "" if body.axes == IDENTITY else "principal ")
-    return [*lines, *(f"note         {note}" for note in known["notes"])]
+    lines += _stability(moments, facts, "" if body.axes == IDENTITY else "principal ")
+    return [*lines, *(f"note         {note}" for note in facts["notes"])]
 
 
-def _stability(moments: NDArray[np.float64], known: dict[str, Any], named: str) -> list[str]:
+def _stability(moments: NDArray[np.float64], facts: dict[str, Any], named: str) -> list[str]:
     """Describe the stability of torque-free rotations and the growth of a disturbance.
 
     named : "principal " if the axes of the moments are not the axes of the scene, else ""
     """
-    low, middle, high = known["order"]
-    growth, shape = known["growth_per_turn_rate"], known["shape"]
+    low, middle, high = facts["order"]
+    growth, shape = facts["growth_per_turn_rate"], facts["shape"]
     if growth > 1e-6:
         turns = np.log(10.0) / growth / (2.0 * np.pi)
         return [

@@ -73,27 +73,27 @@ def summary(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
         return figure
     part = thin_result(ds)
     has_series = ("omega" in ds or "momentum" in ds) and ds.sizes["time"] > 2
-    one = _flight(ds, part) if has_series else None
-    heights = [*([0.75] if one else []), 1.0, 1.55]
+    typical = _flight(ds, part) if has_series else None
+    heights = [*([0.75] if typical else []), 1.0, 1.55]
     rows = figure.add_gridspec(len(heights), 1, height_ratios=heights)
     axes = figure.add_subplot(rows[-2])
-    if one is not None:
+    if typical is not None:
         bodies = figure.add_subplot(rows[0])
-        _series(part, axes, bodies, one)
-        draw_flight(ds, one, bodies)
-        _join(figure, bodies, axes, one)
+        _series(part, axes, bodies, typical)
+        draw_flight(ds, typical, bodies)
+        _join(figure, bodies, axes, typical)
     else:
         (_series if has_series else start_and_end)(part, axes)
     count = 2 if "attitude" in ds else 1
     lower = rows[-1].subgridspec(1, count + 1, width_ratios=[*(1.1,) * count, 1.0])
     places = [figure.add_subplot(lower[place]) for place in range(count)]
-    if one is not None and part.sizes["member"] <= LINES:
+    if typical is not None and part.sizes["member"] <= LINES:
         for sphere, place in zip((polhodes, trajectory), places, strict=False):
             sphere(ds, place)
             _shorten(place)
     else:
         # a free path has the attitude of the principal axes, not of the described ones
-        path = one.path if one is not None and not is_described(ds) else None
+        path = typical.path if typical is not None and not is_described(ds) else None
         for density, place in zip((momentum_density, axis_density), places, strict=False):
             density(part, place, path)
     drifts = drift_histogram if ds.sizes["member"] > 1 else _drifts_of_one
@@ -129,11 +129,11 @@ def _flight(ds: xr.Dataset, part: xr.Dataset) -> Flight | None:
         return None
 
 
-def _join(figure: Figure, bodies: Axes, axes: Axes, one: Flight) -> None:
+def _join(figure: Figure, bodies: Axes, axes: Axes, flown: Flight) -> None:
     """Draw lines from bodies to their times, and mark the times on the line of the member."""
-    value = np.interp(one.instants, one.path.t, one.value)
-    axes.plot(one.instants, value, "o", color=PATH, markersize=4, zorder=4)
-    for k, t in enumerate(one.instants):
+    value = np.interp(flown.instants, flown.path.t, flown.value)
+    axes.plot(flown.instants, value, "o", color=PATH, markersize=4, zorder=4)
+    for k, t in enumerate(flown.instants):
         line = ConnectionPatch(
             (body_place(k), BELOW),
             (t, 1.0),
@@ -174,21 +174,21 @@ def middle_component(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
 
 
 def _series(
-    part: xr.Dataset, axes: Axes, titled: Axes | None = None, one: Flight | None = None
+    part: xr.Dataset, axes: Axes, titled: Axes | None = None, flown: Flight | None = None
 ) -> None:
     """Draw the ensemble against time for the summary; the title goes above `titled`.
 
-    one : the member whose line is drawn
+    flown : the member whose line is drawn
     """
     (value, up, title), kind = (_angle(part), AXIS) if has_angle(part) else (_middle(part), BODY)
-    is_few = one is not None and value.shape[1] <= LINES
+    is_few = flown is not None and value.shape[1] <= LINES
     (_lines if is_few else _band)(axes, part, value, up)
-    if one is not None:
-        shown = one.path.t <= part.time.values[-1] * (1.0 + 1e-9)
-        line = one.path.t[shown], one.value[shown]
+    if flown is not None:
+        shown = flown.path.t <= part.time.values[-1] * (1.0 + 1e-9)
+        line = flown.path.t[shown], flown.value[shown]
         swings = np.count_nonzero(np.diff(np.sign(np.diff(line[1]))))
         width = 1.0 if swings <= SWINGS else 0.8 if is_few else 0.4
-        label = f"member {one.path.member}, drawn above{one.turn()}"
+        label = f"member {flown.path.member}, drawn above{flown.turn()}"
         axes.plot(*line, color=PATH, linewidth=width, label=label)
     name_powers(axes)
     add_title(titled or axes, title, note_on(part, kind), pad=20)
@@ -225,14 +225,14 @@ def _band(axes: Axes, part: xr.Dataset, value: NDArray[np.float64], up: str) -> 
 def _middle(part: xr.Dataset) -> tuple[NDArray[np.float64], str, str]:
     """Return (values (time, member), label, title) of the component of omega about the axis of the
     middle moment of each member [rad/s]."""
-    own = in_principal_axes(part)
-    omega, _ = omega_or_momentum(own, "omega")
+    principal = in_principal_axes(part)
+    omega, _ = omega_or_momentum(principal, "omega")
     if len(omega) < 3:
         raise ValueError(
             "middle_component needs omega at three or more times:"
             ' run with every=... and save=("omega",)'
         )
-    moments = own.moments.values
+    moments = principal.moments.values
     axis = np.argsort(moments, axis=0, kind="stable")[1]
     value = np.take_along_axis(omega, axis[None, None], axis=1)[:, 0]
     # the number of an axis is one of the axes of the result

@@ -56,7 +56,7 @@ def is_free(ds: xr.Dataset) -> bool:
 
 
 def momentum_density(
-    ds: xr.Dataset, axes: Axes | None = None, one: MemberPath | None = None
+    ds: xr.Dataset, axes: Axes | None = None, path: MemberPath | None = None
 ) -> Figure:
     """Draw the direction of the angular momentum in the body: density, and paths of a few members.
 
@@ -72,7 +72,7 @@ def momentum_density(
     The axes are the principal axes, in which polhodes are simple, whatever the axes of the result.
 
     ds : result with omega or momentum; otherwise start_omega or start_momentum, as the title says
-    one : the path to draw, instead of the paths of a few members
+    path : the path to draw, instead of the paths of a few members
     """
     part, of_what = sample_of_motion(ds)
     part = in_principal_axes(part)
@@ -85,13 +85,13 @@ def momentum_density(
     axes = axes or figure_of_result(ds, (6.4, 6.0)).add_subplot()
     few, free = drawn_members(l), is_free(ds)
     along, of = l[..., few], moments[:, few]
-    if one is not None:
-        along, of = one.momentum[..., None], one.moments[:, None]
+    if path is not None:
+        along, of = path.momentum[..., None], path.moments[:, None]
     paths = polhodes(along[0], of) if free else along
     shown = l if len(l) > 2 else l[-1:]
     first, second, third = (str(i + 1) for i in order)
     names = first, second, third
-    _draw_directions(axes, shown[:, order], paths[:, order], names, lines, _label(one), of_what)
+    _draw_directions(axes, shown[:, order], paths[:, order], names, lines, _label(path), of_what)
     # polhodes and closed forms need no saves
     note = "" if free or of_what == "states" else note_on(part, BODY)
     named = "principal" if is_described(ds) else "body"
@@ -99,7 +99,9 @@ def momentum_density(
     return figure_of(axes)
 
 
-def axis_density(ds: xr.Dataset, axes: Axes | None = None, one: MemberPath | None = None) -> Figure:
+def axis_density(
+    ds: xr.Dataset, axes: Axes | None = None, path: MemberPath | None = None
+) -> Figure:
     """Draw the direction of body axis 3 in space: density and paths, on a sphere or a cap around
     the vertical as in `momentum_density`.
 
@@ -121,17 +123,17 @@ def axis_density(ds: xr.Dataset, axes: Axes | None = None, one: MemberPath | Non
     axes = axes or figure_of_result(ds, (6.4, 6.0)).add_subplot()
     shown = e3 if len(e3) > 2 else e3[-1:]
     paths = e3[..., drawn_members(e3)]
-    if one is not None:
-        paths = to_space(one.attitude, (0.0, 0.0, 1.0))[..., None]
-    _draw_directions(axes, shown, paths, ("x", "y", "z"), ([], []), _label(one), of_what)
+    if path is not None:
+        paths = to_space(path.attitude, (0.0, 0.0, 1.0))[..., None]
+    _draw_directions(axes, shown, paths, ("x", "y", "z"), ([], []), _label(path), of_what)
     note = "" if of_what == "states" else note_on(part, AXIS)
     add_title(axes, f"Axis 3 of the body in space,\n{span(part)}", note, wide=WIDE)
     return figure_of(axes)
 
 
-def _label(one: MemberPath | None) -> str:
+def _label(path: MemberPath | None) -> str:
     """Return the label of the paths in a picture."""
-    return "single members" if one is None else f"member {one.member}"
+    return "single members" if path is None else f"member {path.member}"
 
 
 def _draw_directions(
@@ -182,8 +184,8 @@ def _clear_paths(paths: Vectors, members: int, radius: float) -> list[Curve]:
 def _columns(v: Vectors) -> NDArray[np.float64]:
     """Return vectors (time, axis, member) as columns (3, n), without undefined ones."""
     u = np.moveaxis(v, 1, 0).reshape(3, -1)
-    known = np.isfinite(u).all(0)
-    return u if known.all() else u[:, known]
+    is_finite = np.isfinite(u).all(0)
+    return u if is_finite.all() else u[:, is_finite]
 
 
 def _draw_globe(

@@ -40,23 +40,23 @@ def page_text(
     data : for the scripts, as JSON;  scripts : files of the package, after the shared ones; the
     worker of a page is the file worker.js
     """
-    own, shared = files(package), files(WEB)
-    worker = own.joinpath("worker.js")
+    of_page, shared = files(package), files(WEB)
+    worker = of_page.joinpath("worker.js")
     parts = {
         "TITLE": html.escape(title),
         "ABOUT": html.escape(about),
         "STYLE": "".join(
             path.read_text(encoding="utf-8")
-            for path in (shared.joinpath("page.css"), own.joinpath(f"{name}.css"))
+            for path in (shared.joinpath("page.css"), of_page.joinpath(f"{name}.css"))
         ),
-        "MAIN": own.joinpath(f"{name}.html").read_text(encoding="utf-8"),
+        "MAIN": of_page.joinpath(f"{name}.html").read_text(encoding="utf-8"),
         "DATA": script_json(data),
         "WORKER": worker.read_text(encoding="utf-8") if worker.is_file() else "",
         "SCRIPT": "".join(
             path.read_text(encoding="utf-8")
             for path in (
                 *(shared.joinpath(script) for script in SHARED),
-                *(own.joinpath(script) for script in scripts),
+                *(of_page.joinpath(script) for script in scripts),
             )
         ),
     }

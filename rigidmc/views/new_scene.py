@@ -138,7 +138,7 @@ def new_scene(
     if not motion.gravity:
         del tables["[effects.gravity]"]
     parts = [_lines({"title": title}, words)]
-    parts += [f"{head}\n{_lines(one, words)}" for head, one in tables.items()]
+    parts += [f"{head}\n{_lines(content, words)}" for head, content in tables.items()]
     text = "\n".join(parts)
     prepare_scene(Scene.loads(text))
     return text
@@ -150,8 +150,8 @@ def _times(body: Body, motion: FirstMotion, t_end: float | None) -> tuple[float,
     scene = Scene(body, effects, read_start(_start(motion), NO_COLUMNS))
     at_rest = replace(scene, start=replace(scene.start, omega=(0.0, 0.0, 0.0)))
     (spin, rate), (_, swing) = (
-        largest_rates(effects, make_pilot(one.model, one.run.seed, True).block)
-        for one in (scene, at_rest)
+        largest_rates(effects, make_pilot(start.model, start.run.seed, True).block)
+        for start in (scene, at_rest)
     )
     if not rate > 0.0:
         rule = "nothing moves: give a spin, or --gravity and a --pivot"
@@ -196,7 +196,7 @@ def _start(motion: FirstMotion) -> dict[str, Any]:
 def _value(value: Any) -> str:
     """Write a value as TOML on one line."""
     if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{key} = {_value(one)}' for key, one in value.items())} }}"
+        return f"{{ {', '.join(f'{key} = {_value(entry)}' for key, entry in value.items())} }}"
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_value, value))}]"
     return tomli_w.dumps({"value": value}).removeprefix("value = ").rstrip("\n")

@@ -125,20 +125,20 @@ def _many_swings(part: xr.Dataset, tops: ClosedMotion | None) -> tuple[Floats, F
     """Return theta [deg] and its rate [rad/s] of all states of a sample."""
     omega, _ = omega_or_momentum(in_principal_axes(part), "omega")
     q = principal(part, "attitude").transpose("time", "quat", "member").values
-    own = part.attitude.transpose("time", "quat", "member").values
-    found = []
+    attitude = part.attitude.transpose("time", "quat", "member").values
+    swings = []
     for k in range(part.sizes["member"]):
         path = MemberPath(
             k,
             part.time.values,
-            own[..., k],
+            attitude[..., k],
             q[..., k],
             omega[..., k],
             omega[..., k],
             part.moments.values[:, k],
         )
-        found.append(_swing(path, _swinging_axis(tops, path)))
-    theta, rate = (np.concatenate(values) for values in zip(*found, strict=True))
+        swings.append(_swing(path, _swinging_axis(tops, path)))
+    theta, rate = (np.concatenate(values) for values in zip(*swings, strict=True))
     return theta, rate
 
 

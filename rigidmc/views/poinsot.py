@@ -78,8 +78,8 @@ def _herpolhodes(axes: Axes, good: xr.Dataset, moments: Vectors, l: Vectors, q: 
         t = np.linspace(0.0, end, max(count, DENSE[0], STATES // len(some)))
         # members at the same times would show the steps of t as spokes
         shift = (t[1] - t[0]) * (0.618034 * np.arange(len(l)) % 1.0)
-        found = [_in_plane(moments[k], l[k], q[k], t + shift[k]) for k in some]
-        x, y, _ = np.concatenate(found).T
+        curves = [_in_plane(moments[k], l[k], q[k], t + shift[k]) for k in some]
+        x, y, _ = np.concatenate(curves).T
         add_density(axes, x, y, "states")
         wide = 1.05 * np.hypot(x, y).max()
         axes.set(xlim=(-wide, wide), ylim=(-wide, wide))
@@ -143,6 +143,6 @@ def _rolling(axes: Axes, member: int, moments: Vectors, l: Vectors, q: Vectors) 
 def _plane_axes(l: Vectors) -> tuple[Vectors, Vectors, Vectors]:
     """Return right-handed axes (3,) each: two in the plane normal to L (3,), and -L/|L| upward."""
     up = -l / np.linalg.norm(l)
-    one = np.cross(np.eye(3)[np.argmin(np.abs(up))], up)
-    one /= np.linalg.norm(one)
-    return one, np.cross(up, one), up
+    first = np.cross(np.eye(3)[np.argmin(np.abs(up))], up)
+    first /= np.linalg.norm(first)
+    return first, np.cross(up, first), up

@@ -106,11 +106,11 @@ def polhodes(
         rule = "the members have different inertia ellipsoids: select one, as ds.isel(member=[0])"
         raise OptionError(rule, at="surface", value=surface)
     if is_free(ds):
-        curves, note = [polhode_of(*one) for one in zip(moments, l, strict=True)], ""
+        curves, note = [polhode_of(*path) for path in zip(moments, l, strict=True)], ""
         words = str(analyse_free_top(moments[0], l[0]).kind) if len(l) == 1 else ""
     else:
         paths, note = member_paths(ds, BODY)
-        curves, words = [one.momentum for one in paths], f"path under torques, {times_of(paths)}"
+        curves, words = [path.momentum for path in paths], f"path under torques, {times_of(paths)}"
     curves = [_directions(curve) for curve in curves]
     labels = start_labels(good)
     axes = axes or figure_of_result(ds, (6.0, 6.4)).add_subplot()
@@ -196,8 +196,8 @@ def _draw_path(
 
 def _mark_starts(axes: Axes, curves: Sequence[Vectors], on: Quadric) -> None:
     """Mark the first directions of curves (n, 3), after a start at rest."""
-    known = [u[np.isfinite(u).all(-1)][:1] for u in curves]
-    starts = np.concatenate(known)
+    beginnings = [u[np.isfinite(u).all(-1)][:1] for u in curves]
+    starts = np.concatenate(beginnings)
     x, y, _ = screen(on.points(starts))
     mark_starts(axes, x, y, on.is_seen(starts))
 

@@ -85,12 +85,12 @@ def omega_or_momentum(part: xr.Dataset, name: str) -> tuple[NDArray[np.float64],
     for prefix in ("", "start_"):
         for saved in ("omega", "momentum"):
             if prefix + saved in part:
-                found = part[prefix + saved]
+                vectors = part[prefix + saved]
                 if saved != name:
                     v = principal(part, prefix + saved)
                     by = v * part.moments if name == "momentum" else v / part.moments
-                    found = described(part, by)
-                values = found.transpose(..., "axis", "member").values
+                    vectors = described(part, by)
+                values = vectors.transpose(..., "axis", "member").values
                 values = values if values.ndim == 3 else values[None]
                 return values, "at the start (later states were not saved)" if prefix else span(
                     part
@@ -162,36 +162,38 @@ def member_paths(ds: xr.Dataset, kind: str) -> tuple[list[MemberPath], str]:
     """
     good, paths, notes = good_members(ds), [], []
     for k in range(good.sizes["member"]):
-        one, note = _dense(good.isel(member=[k]), kind)
-        t = one.time.values
-        l = omega_or_momentum(in_principal_axes(one), "momentum")[0][..., 0]
-        moments = one.moments.values[:, 0]
-        own = q = np.full((t.size, 4), np.nan)
-        if "attitude" in one:
-            own, q = (
+        dense, note = _dense(good.isel(member=[k]), kind)
+        t = dense.time.values
+        l = omega_or_momentum(in_principal_axes(dense), "momentum")[0][..., 0]
+        moments = dense.moments.values[:, 0]
+        attitude = q = np.full((t.size, 4), np.nan)
+        if "attitude" in dense:
+            attitude, q = (
                 v.transpose("time", "quat", "member").values[..., 0]
-                for v in (one.attitude, principal(one, "attitude"))
+                for v in (dense.attitude, principal(dense, "attitude"))
             )
-        paths.append(MemberPath(int(one.member[0]), t, own, q, l, l / moments, moments))
+        paths.append(MemberPath(int(dense.member[0]), t, attitude, q, l, l / moments, moments))
         notes += [note] if note else []
     return paths, notes[0] if notes else ""
 
 
-def _dense(one: xr.Dataset, kind: str) -> tuple[xr.Dataset, str]:
+def _dense(member: xr.Dataset, kind: str) -> tuple[xr.Dataset, str]:
     """Return a member at close times, and a warning if they are not close."""
     from rigidmc.runs.frames import frames
 
-    part = thin_result(one)
+    part = thin_result(member)
     rate = float(fastest(part, kind)[0])
-    has_states = ("omega" in one or "momentum" in one) and (kind == BODY or "attitude" in one)
-    apart = float(np.diff(np.atleast_1d(one.time.values)).max(initial=0.0))
-    if has_states and one.sizes["time"] > 2 and rate * apart <= FINE:
-        return one, ""
+    has_states = ("omega" in member or "momentum" in member) and (
+        kind == BODY or "attitude" in member
+    )
+    apart = float(np.diff(np.atleast_1d(member.time.values)).max(initial=0.0))
+    if has_states and member.sizes["time"] > 2 and rate * apart <= FINE:
+        return member, ""
     try:
-        end = scene_of(one).run.t_end
+        end = scene_of(member).run.t_end
         count = int(np.clip(np.ceil(rate * end / FINE), *DENSE))
         until = min(end, count * FINE / rate) if rate > 0.0 else end
-        return frames(one, int(one.member[0]), count, until=until), ""
+        return frames(member, int(member.member[0]), count, until=until), ""
     except (RigidmcError, NumbaError):
         if not has_states:
             states = '"omega"' if kind == BODY else '"omega", "attitude"'
@@ -199,7 +201,7 @@ def _dense(one: xr.Dataset, kind: str) -> tuple[xr.Dataset, str]:
                 "the member cannot be recomputed, and its states were not saved: run with"
                 f' save=({states},) and keep="full"'
             ) from None
-        return one, note_on(part, kind)
+        return member, note_on(part, kind)
 
 
 def starts_of(good: xr.Dataset) -> tuple[Floats, Floats, Floats]:
@@ -217,7 +219,7 @@ def starts_of(good: xr.Dataset) -> tuple[Floats, Floats, Floats]:
 
 def member_labels(members: NDArray[Any]) -> list[str | None]:
     """Return the labels of the lines of members; more than KEYED lines have none."""
-    return [f"member {one}" if members.size <= KEYED else None for one in members]
+    return [f"member {member}" if members.size <= KEYED else None for member in members]
 
 
 def start_labels(good: xr.Dataset) -> list[str | None]:
@@ -230,11 +232,11 @@ def start_labels(good: xr.Dataset) -> list[str | None]:
         effects = {f"{label}_" for label, _ in label_effects(scene_of(good).effects)}
     except RigidmcError:  # a result without a scene
         return labels
-    given = ("moments", "mass", "centre", "start_", *effects)
+    stated = ("moments", "mass", "centre", "start_", *effects)
     rows = [
         (f"{name}[{k}]" if len(values) > 1 else str(name), variable, row)
         for name, variable in good.data_vars.items()
-        if str(name).startswith(given) and set(variable.dims) - {"axis", "quat"} == {"member"}
+        if str(name).startswith(stated) and set(variable.dims) - {"axis", "quat"} == {"member"}
         for values in (np.atleast_2d(variable.transpose(..., "member").values),)
         for k, row in enumerate(values, 1)
         if np.ptp(row) > 0.0
@@ -266,22 +268,22 @@ def note_on(part: xr.Dataset, kind: str) -> str:
         return ""
     shown = float(np.diff(part.time.values).max())
     rates = fastest(part, kind)
-    found = sparse(rates, shown, drawn_members(rates))
-    if found is None:
+    turn = sparse(rates, shown, drawn_members(rates))
+    if turn is None:
         return ""
     saves, saved = part.encoding[SAVES]
     if shown > 1.5 * saved and sparse(rates, saved, drawn_members(rates)) is None:
-        end = (part.sizes["time"] - 1) * found.every
+        end = (part.sizes["time"] - 1) * turn.every
         return (
             f"{part.sizes['time']:,} of {saves:,} saves drawn, {shown:.3g} s apart:"
-            f" {found.who()} between them, which lines cannot show;"
+            f" {turn.who()} between them, which lines cannot show;"
             f" draw {end:.2g} s or less of the run"
         )
-    return _words(found, f"between saves {saved:.4g} s apart")
+    return _words(turn, f"between saves {saved:.4g} s apart")
 
 
-def _words(found: Sparse, where: str) -> str:
-    return f"{found.who()} {where}: lines misrepresent the motion; use every <= {found.every:g} s"
+def _words(turn: Sparse, where: str) -> str:
+    return f"{turn.who()} {where}: lines misrepresent the motion; use every <= {turn.every:g} s"
 
 
 def fastest(part: xr.Dataset, kind: str) -> Floats:
@@ -293,15 +295,15 @@ def fastest(part: xr.Dataset, kind: str) -> Floats:
     part = in_principal_axes(part)
     l, _ = omega_or_momentum(part, "momentum")
     moments, by = part.moments.transpose("axis", "member").values, drive_of(part)
-    found, count = np.empty(l.shape[-1]), max(1, STATES // len(l))
+    largest, count = np.empty(l.shape[-1]), max(1, STATES // len(l))
     for first in range(0, l.shape[-1], count):
         some = slice(first, first + count)
-        own = by._replace(rotor=by.rotor[:, some]) if by.rotor.shape[1] > 1 else by
-        rates = getattr(turning_rates(moments[:, some], l[..., some], own), kind)
-        found[some] = np.max(rates, axis=0, where=np.isfinite(rates), initial=0.0)
+        body = by._replace(rotor=by.rotor[:, some]) if by.rotor.shape[1] > 1 else by
+        rates = getattr(turning_rates(moments[:, some], l[..., some], body), kind)
+        largest[some] = np.max(rates, axis=0, where=np.isfinite(rates), initial=0.0)
     if len(l) == 1 and kind in (AXIS, ATTITUDE) and "attitude" in part:
-        found = np.maximum(found, _turned(part))
-    return found
+        largest = np.maximum(largest, _turned(part))
+    return largest
 
 
 def angle_rates(ds: xr.Dataset, name: str) -> Floats:
@@ -311,20 +313,20 @@ def angle_rates(ds: xr.Dataset, name: str) -> Floats:
 
         phi' = (omega_1 sin psi + omega_2 cos psi)/sin theta,   psi' = omega_3 - phi' cos theta
     """
-    found = fastest(ds, ATTITUDE)
+    rates = fastest(ds, ATTITUDE)
     if name not in ("phi", "psi"):
-        return found
-    found = np.maximum(found, fastest(ds, AXIS))
+        return rates
+    rates = np.maximum(rates, fastest(ds, AXIS))
     if "omega" not in ds and "momentum" not in ds:
-        return found
+        return rates
     omega, _ = omega_or_momentum(ds, "omega")
     q = ds.attitude.transpose("time", "member", "quat").values
     _, theta, psi = np.moveaxis(euler(q), -1, 0)
     with np.errstate(all="ignore"):
         rate = (omega[:, 0] * np.sin(psi) + omega[:, 1] * np.cos(psi)) / np.sin(theta)
         rate = np.abs(omega[:, 2] - rate * np.cos(theta) if name == "psi" else rate)
-    found = np.maximum(found, np.max(rate, axis=0, where=np.isfinite(rate), initial=0.0))
-    return np.asarray(found)
+    rates = np.maximum(rates, np.max(rate, axis=0, where=np.isfinite(rate), initial=0.0))
+    return np.asarray(rates)
 
 
 def drive_of(ds: xr.Dataset) -> Drive:

@@ -73,12 +73,12 @@ def snapshots(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     Raises ValueError without a scene, and if the member cannot be recomputed.
     """
     try:
-        one = flight(ds)
+        flown = flight(ds)
     except ValueError as error:
         raise ValueError(f"snapshots needs a result with its scene ({error})") from None
     axes = axes or figure_of_result(ds, (10.0, 2.2)).add_subplot()
-    draw_flight(ds, one, axes)
-    add_title(axes, f"Member {one.path.member} at eight instants{one.turn()}")
+    draw_flight(ds, flown, axes)
+    add_title(axes, f"Member {flown.path.member} at eight instants{flown.turn()}")
     return figure_of(axes)
 
 
@@ -95,12 +95,12 @@ def flight(ds: xr.Dataset, part: xr.Dataset | None = None) -> Flight:
     part : sample of the result, see `rigidmc.views.sample`
     """
     scene_of(ds, allow_code=None)  # without it there is no body to draw
-    one = ds.sel(member=[_typical(thin_result(ds) if part is None else part)])
+    member = ds.sel(member=[_typical(thin_result(ds) if part is None else part)])
     if is_free(ds):
-        path = _free_path(one)
+        path = _free_path(member)
         axis = np.eye(3)[central_axis(path.moments)]
     else:
-        path = member_paths(one, ATTITUDE)[0][0]
+        path = member_paths(member, ATTITUDE)[0][0]
         axis = (matrix(path.principal_attitude[0]).T @ matrix(path.attitude[0]))[:, 2]
     if has_angle(ds):
         value = np.degrees(np.arccos(np.clip(matrix(path.attitude)[:, 2, 2], -1.0, 1.0)))
@@ -136,18 +136,18 @@ def _typical(part: xr.Dataset) -> int:
     return int(part.member.values[some[0]])
 
 
-def _free_path(one: xr.Dataset) -> MemberPath:
+def _free_path(flown: xr.Dataset) -> MemberPath:
     """Return the motion of a free body in closed form from its start."""
-    if "start_omega" not in one and "start_momentum" not in one:
+    if "start_omega" not in flown and "start_momentum" not in flown:
         raise ValueError("the result does not hold the start of its members")
-    own = in_principal_axes(one)
-    moments, l, q = (v[0] for v in starts_of(own))
+    principal = in_principal_axes(flown)
+    moments, l, q = (v[0] for v in starts_of(principal))
     rate = float(np.linalg.norm(l) / moments.min())
-    end = float(np.max(one.time.values))
+    end = float(np.max(flown.time.values))
     count = int(np.clip(np.ceil(rate * end / FINE), *DENSE))
     t = np.linspace(0.0, min(end, count * FINE / rate) if rate > 0.0 else end, count)
     motion = solve_free_top(moments, l, q, t)
-    member = int(one.member.values[0])
+    member = int(flown.member.values[0])
     return MemberPath(
         member, t, motion.attitude, motion.attitude, motion.momentum, motion.omega, moments
     )
@@ -173,20 +173,20 @@ def body_place(k: int) -> float:
     return 2.3 * k
 
 
-def draw_flight(ds: xr.Dataset, one: Flight, axes: Axes) -> None:
+def draw_flight(ds: xr.Dataset, flown: Flight, axes: Axes) -> None:
     """Draw the bodies of a flight side by side, with their times."""
-    path, body = one.path, scene_of(ds, allow_code=None).body
-    own = ds.sel(member=[path.member])
-    solid = Solid(body_surface(own, body), member_body(own, body)[2])
+    path, body = flown.path, scene_of(ds, allow_code=None).body
+    member = ds.sel(member=[path.member])
+    solid = Solid(body_surface(member, body), member_body(member, body)[2])
     frame = np.eye(3)
     l = to_space(path.principal_attitude[0], path.momentum[0])
     if is_free(ds) and l.any():
         frame = _upright(l / np.linalg.norm(l))
     turn = frame @ matrix(path.principal_attitude)
-    tip = 1.05 * turn @ one.axis
+    tip = 1.05 * turn @ flown.axis
     stage = Stage(axes, -0.95, 0.32, 1.1)
     bent = np.cumsum(np.linalg.norm(np.diff(tip, axis=0, prepend=tip[:1]), axis=1))
-    for k, t in enumerate(one.instants):
+    for k, t in enumerate(flown.instants):
         at = (body_place(k), 0.0)
         i = int(np.argmin(np.abs(path.t - t)))
         stage.solid(solid, turn[i], at)
@@ -202,6 +202,6 @@ def draw_flight(ds: xr.Dataset, one: Flight, axes: Axes) -> None:
 
 def _upright(up: Floats) -> Floats:
     """Return the rotation (3, 3) whose third row is the unit vector up (3,)."""
-    one = np.eye(3)[0] - up[0] * up if abs(up[0]) < 0.9 else np.eye(3)[1] - up[1] * up
-    one /= np.linalg.norm(one)
-    return np.stack([one, np.cross(up, one), up])
+    across = np.eye(3)[0] - up[0] * up if abs(up[0]) < 0.9 else np.eye(3)[1] - up[1] * up
+    across /= np.linalg.norm(across)
+    return np.stack([across, np.cross(up, across), up])

@@ -57,8 +57,8 @@ def family(moments: NDArray[np.float64]) -> tuple[list[Curve], list[Curve]]:
         return [], []
     if min(moments[middle] - moments[low], moments[high] - moments[middle]) <= same:
         axis = central_axis(moments)
-        one, two = np.delete(axes, axis, axis=0)
-        across = np.cos(turn) * one + np.sin(turn) * two
+        first, second = np.delete(axes, axis, axis=0)
+        across = np.cos(turn) * first + np.sin(turn) * second
         angles = np.radians(np.arange(20, 161, 20))
         return [np.cos(angle) * axes[axis] + np.sin(angle) * across for angle in angles], []
     angles = np.radians([18, 36, 54, 72])
@@ -95,8 +95,8 @@ def curves_at_energy(moments: NDArray[np.float64], inverse: float) -> list[Curve
     square = ((c[pole] - inverse) / (c[pole] - c[across])).clip(0.0, 1.0)
     if square == 1.0:
         return family(moments)[1]
-    one = np.sqrt(square) * axes[across]
-    starts = [side * np.sqrt(1.0 - square) * axes[pole] + one for side in (-1.0, 1.0)]
+    half = np.sqrt(square) * axes[across]
+    starts = [side * np.sqrt(1.0 - square) * axes[pole] + half for side in (-1.0, 1.0)]
     curves = polhodes(np.array(starts).T, np.repeat(moments[:, None], 2, axis=1), 361)
     return list(curves.transpose(2, 0, 1))
 
@@ -123,13 +123,13 @@ def smooth_density(
     points (2, n) : places of the directions in the picture, of all `count` directions
     even (2, m) : places of even directions, which cover `fraction` of the sphere with EVEN of them
     """
-    found, isotropic = _counts(points), _counts(even)
+    counts, isotropic = _counts(points), _counts(even)
     isotropic *= fraction * count / EVEN
-    one = 0.5 / (np.pi * WIDTH**2)  # what a single direction adds to its own pixel
-    density = np.full(found.shape, np.nan)
-    is_near = (isotropic > 0.0) & (found > 0.05 * one)
-    np.divide(found, isotropic, out=density, where=is_near)
-    return density, np.where(is_near, np.clip(found / one, 0.0, 1.0), 0.0)
+    single = 0.5 / (np.pi * WIDTH**2)  # what a single direction adds to its own pixel
+    density = np.full(counts.shape, np.nan)
+    is_near = (isotropic > 0.0) & (counts > 0.05 * single)
+    np.divide(counts, isotropic, out=density, where=is_near)
+    return density, np.where(is_near, np.clip(counts / single, 0.0, 1.0), 0.0)
 
 
 def _counts(points: NDArray[np.float64]) -> NDArray[np.float64]:

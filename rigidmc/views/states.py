@@ -199,12 +199,12 @@ class ResultStates(ResultAxes):
         members = self._dataset.member.values
         if member not in members:
             raise ValueError(f"no member {member}; the members are {members[0]} to {members[-1]}")
-        given = self._dataset.sel(member=[member])
-        one = in_principal_axes(given)
-        start = one.start_momentum if "start_momentum" in one else one.start_omega * one.moments
+        part = self._dataset.sel(member=[member])
+        own = in_principal_axes(part)
+        start = own.start_momentum if "start_momentum" in own else own.start_omega * own.moments
         l = start.transpose("axis", "member").values
         size = np.linalg.norm(l, axis=0)
-        curve = polhodes(l / size, one.moments.values, points)[..., 0] * size[0]
+        curve = polhodes(l / size, own.moments.values, points)[..., 0] * size[0]
         attrs = {"units": "kg m2 s-1", "long_name": f"polhode of member {member}"}
-        found = xr.DataArray(curve, dims=("point", "axis"), attrs=attrs)
-        return described(given.isel(member=0), found)
+        polhode = xr.DataArray(curve, dims=("point", "axis"), attrs=attrs)
+        return described(part.isel(member=0), polhode)

@@ -48,14 +48,14 @@ def summary_text(
     texts = (of,) if isinstance(of, str) else tuple(of)
     rows = {} if texts else _rows(dataset)
     codes = [name for name in ("status", "drift_law") if name in dataset]
-    counted, found = spreads(dataset, list(rows.values()), QUANTILES, codes)
+    counted, spread_of = spreads(dataset, list(rows.values()), QUANTILES, codes)
     lines = [_heading(dataset, settings["members"]), _flagged(counted["status"])]
     if "drift_law" in counted:
         drifts = one_way(dataset, drifting=int(counted["drift_law"][LAWS["one_way"]]))
         lines += [f"  {drifts}"] if drifts else []
     lines += [_measured(dataset, text, confidence) for text in texts]
     sure = None if unknown else confidence
-    for (label, row), spread in zip(rows.items(), found, strict=True):
+    for (label, row), spread in zip(rows.items(), spread_of, strict=True):
         attrs = dataset[row.name].attrs
         if is_event_time(label, attrs) and spread.unknown:  # it has not occurred in some members
             line: str | None = _time(dataset, label, sure)

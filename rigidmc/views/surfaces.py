@@ -51,8 +51,8 @@ def surface_of(body: Body) -> Surface:
     """Return the shape of a body in its principal axes; the unit ball if it has none."""
     if not (parts := drawn_shape(body)):
         return ball_surface(1.0)
-    whole = _united([_part_surface(part) for part in parts])
-    return whole._replace(corners=whole.corners @ np.array(body.axes))
+    surface = _united([_part_surface(part) for part in parts])
+    return surface._replace(corners=surface.corners @ np.array(body.axes))
 
 
 def drawn_shape(body: Body) -> Shape:
@@ -101,10 +101,10 @@ def form_of(ds: xr.Dataset, body: Body) -> Floats:
 
 def member_body(ds: xr.Dataset, body: Body) -> tuple[Floats, float, Floats]:
     """Return (moments (3,), mass, centre of mass (3,) in principal axes) of the first member."""
-    one = in_principal_axes(ds.isel(member=[0])).isel(member=0)
-    moments = np.asarray(one.moments.values, dtype=float)
-    mass = float(one.mass.values) if "mass" in one else body.mass
-    centre = one.centre.values if "centre" in one else body.to_principal(body.centre)
+    member = in_principal_axes(ds.isel(member=[0])).isel(member=0)
+    moments = np.asarray(member.moments.values, dtype=float)
+    mass = float(member.mass.values) if "mass" in member else body.mass
+    centre = member.centre.values if "centre" in member else body.to_principal(body.centre)
     return moments, float(mass), np.asarray(centre, dtype=float)
 
 
@@ -113,8 +113,8 @@ def ellipsoid_form(moments: Floats, mass: float, centre: Floats) -> Floats:
 
     a_i^2 = 5 (I_j + I_k - I_i)/(2 M) with the principal moments about its centre.
     """
-    own, axes = np.linalg.eigh(inertia.about_centre(np.diag(moments), mass, centre))
-    squares = 2.5 * (own.sum() - 2.0 * own) / mass
+    about, axes = np.linalg.eigh(inertia.about_centre(np.diag(moments), mass, centre))
+    squares = 2.5 * (about.sum() - 2.0 * about) / mass
     semiaxes = np.sqrt(np.maximum(squares, 0.0))
     semiaxes = np.maximum(semiaxes, THIN * semiaxes.max())
     # symmetric, so that the tones of the ball keep their axes
@@ -123,11 +123,11 @@ def ellipsoid_form(moments: Floats, mass: float, centre: Floats) -> Floats:
 
 def _part_surface(part: ShapePart) -> Surface:
     """Return the surface of a part in the described axes of its body."""
-    own = _MAKERS[part.solid](**part.sizes)
-    tones = np.full_like(own.tones, HOLE) if part.hole else own.tones
+    surface = _MAKERS[part.solid](**part.sizes)
+    tones = np.full_like(surface.tones, HOLE) if part.hole else surface.tones
     size = 1.002 if part.hole else 1.0  # moves the mouth of a hole in front of the surface
-    corners = rotation.to_space(part.turned, size * own.corners) + np.array(part.at)
-    return Surface(corners, own.faces, tones)
+    corners = rotation.to_space(part.turned, size * surface.corners) + np.array(part.at)
+    return Surface(corners, surface.faces, tones)
 
 
 def _united(parts: list[Surface]) -> Surface:
@@ -178,16 +178,16 @@ def revolve(*outline: tuple[float, float], around: int = AROUND) -> Surface:
         -1,
     ).reshape(-1, 3)
     band, k = np.meshgrid(np.arange(len(outline) - 1), np.arange(around), indexing="ij")
-    one, two = band * around + k, band * around + (k + 1) % around
-    three, four = two + around, one + around
+    ring, above = band * around + k, band * around + (k + 1) % around
+    three, four = above + around, ring + around
     cap = np.abs(np.diff(height)) < np.abs(np.diff(radius))
     tone = np.where(cap[:, None], CAP, SIDE) + 4 * k // around % 2
-    pairs = [(np.stack([one, two, three], -1), tone), (np.stack([one, three, four], -1), tone)]
+    pairs = [(np.stack([ring, above, three], -1), tone), (np.stack([ring, three, four], -1), tone)]
     faces = np.concatenate([face.reshape(-1, 3) for face, _ in pairs])
     tones = np.concatenate([tone.ravel() for _, tone in pairs])
     a, b, c = corners[faces].transpose(1, 0, 2)
-    whole = (a != b).any(-1) & (b != c).any(-1) & (c != a).any(-1)  # not degenerate at the poles
-    return Surface(corners, faces[whole], tones[whole])
+    is_real = (a != b).any(-1) & (b != c).any(-1) & (c != a).any(-1)  # not degenerate at the poles
+    return Surface(corners, faces[is_real], tones[is_real])
 
 
 def _box(size: tuple[float, float, float]) -> Surface:

@@ -93,10 +93,10 @@ def _draw_limits(axes: Axes, good: xr.Dataset, draw: Callable[..., None]) -> Non
     """Draw the circles on which the axis of one heavy symmetric top turns back, by `draw`."""
     tops = heavy_tops(good) if good.sizes["member"] == 1 else None
     if tops is not None and tops.form[0] == 3:
-        one = analyse_lagrange_top(
+        top = analyse_lagrange_top(
             *(v[0] for v in (tops.moments, tops.weight, tops.momentum, tops.attitude))
         )
-        draw_turning_angles(axes, float(one.high), float(one.low), draw)
+        draw_turning_angles(axes, float(top.high), float(top.low), draw)
 
 
 def angles(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
@@ -160,13 +160,13 @@ def _angle_densities(ds: xr.Dataset, figure: Figure | None) -> Figure:
     part = thin_result(ds.assign(attitude=saved_attitude(ds)))
     if part.sizes.get("time", 1) < 3:
         raise ValueError('angles needs three or more saves: run with every=... and keep="full"')
-    found, t = euler_of(part, "313", unwrap=True), part.time.values
+    angles, t = euler_of(part, "313", unwrap=True), part.time.values
     figure = figure or figure_of_result(ds, (7.5, 7.5))
     rows = figure.subplots(3, 1, sharex=True)
     ends = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])[:: -(-t.size // 160)]
     edges = np.append(ends[ends < t[-1]], t[-1])
     for row, name in zip(rows, ("theta", "phi", "psi"), strict=True):
-        values = found[name].transpose("time", "member").values
+        values = angles[name].transpose("time", "member").values
         if name != "theta":
             values = values - np.polyfit(t - t[0], values, 1)[0] * (t - t[0])[:, None]
         add_density(row, np.repeat(t, values.shape[1]), np.degrees(values).ravel(), "states", edges)

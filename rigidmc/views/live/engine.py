@@ -104,7 +104,7 @@ def moved_plans(live: LiveRun) -> dict[str, Plan]:
 def engine_data(live: LiveRun, members: int) -> dict[str, Any]:
     """Return the engine of a page: for each form of its integrator two modules, their memory, and
     where things are in it."""
-    variants, keys, known = list[dict[str, Any]](), list[Any](), dict[str, int]()
+    variants, keys, places = list[dict[str, Any]](), list[Any](), dict[str, int]()
     plans = moved_plans(live)
     for name, plan in plans.items():
         assert plan.scheme is not None  # scenes with closed forms were given an integrator
@@ -112,13 +112,13 @@ def engine_data(live: LiveRun, members: int) -> dict[str, Any]:
         if key not in keys:
             keys.append(key)
             variants.append(_variant(live, plan))
-        known[name] = keys.index(key)
+        places[name] = keys.index(key)
     kind = record_type(np.dtype(float))
     fields: Any = kind.fields
     names = ("h", "slots", "stride", "total", "first", "last", "out")
     return {
         "variants": variants,
-        "forms": known,
+        "forms": places,
         "turn_rates": {name: plan.turn_rate for name, plan in plans.items()},
         "slack": SLACK,
         "least_turn": LEAST_TURN,

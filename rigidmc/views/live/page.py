@@ -114,8 +114,8 @@ def _several(
     """Return the page of several pages; OptionError without any."""
     if not scenes:
         raise OptionError("expected at least one scene, as {title: scene}", at="scene")
-    titled = {title: replace(as_scene(one), title=title) for title, one in scenes.items()}
-    pages = [(title, _text(one, asked, members)) for title, one in titled.items()]
+    titled = {title: replace(as_scene(scene), title=title) for title, scene in scenes.items()}
+    pages = [(title, _text(scene, asked, members)) for title, scene in titled.items()]
     form = files(str(__package__)).joinpath("several.html").read_text(encoding="utf-8")
     title = html.escape(", ".join(scenes))
     return fill_template(form, {"TITLE": title, "DATA": script_json(pages)})
@@ -129,7 +129,7 @@ def _text(scene: Scene, asked: Mapping[str, Range | None] | None, count: int | N
         moving = prepared.run.scene
         sliders = make_sliders(moving, prepared.start, asked)
         engine = engine_data(prepared, members)
-        moved = [_slider(one) | saving_data(prepared, one) for one in sliders]
+        moved = [_slider(slider) | saving_data(prepared, slider) for slider in sliders]
     plan, model = prepared.run.plan, moving.model
     kept = conservation(model.effects, False)
     saved = moving.with_run(save=tuple(dict.fromkeys((*SAVED, *scene.run.save))))
@@ -164,18 +164,18 @@ def _text(scene: Scene, asked: Mapping[str, Range | None] | None, count: int | N
 def _is_top(scene: Scene) -> bool:
     """Return whether Euler angles and a spin start a body on which gravity alone acts; the page
     looks at its moments and centre."""
-    start, is_heavy = scene.model.start, [type(one) for one in scene.model.effects] == [Gravity]
+    start, is_heavy = scene.model.start, [*map(type, scene.model.effects)] == [Gravity]
     angles = start.has_euler_angles and start.sequence == TEXTBOOK
     return is_heavy and angles and not scene.model.body.is_turned
 
 
 def _start(scene: Scene, start: Mapping[str, Any]) -> dict[str, str]:
     """Return the numbers that the page builds members from."""
-    known = {name: start[name] for name in ("moments", "mass", "centre")}
-    known["spin"] = start[f"start_{scene.model.start.spin_name}"]
+    arrays = {name: start[name] for name in ("moments", "mass", "centre")}
+    arrays["spin"] = start[f"start_{scene.model.start.spin_name}"]
     if "start_euler" in start:
-        known["angles"] = start["start_euler"]
-    return {name: doubles(values) for name, values in known.items()}
+        arrays["angles"] = start["start_euler"]
+    return {name: doubles(values) for name, values in arrays.items()}
 
 
 def _sequence(sequence: str) -> dict[str, Any]:
@@ -185,9 +185,9 @@ def _sequence(sequence: str) -> dict[str, Any]:
 
 
 def _slider(slider: Slider) -> dict[str, Any]:
-    known = slider._asdict() | {"shared": slider.is_shared}
+    fields = slider._asdict() | {"shared": slider.is_shared}
     left = "is_shared", "source", "array", "component"
-    return {name: value for name, value in known.items() if name not in left}
+    return {name: value for name, value in fields.items() if name not in left}
 
 
 def _sums(effects: Sequence[Any]) -> list[tuple[int, list[int]]]:

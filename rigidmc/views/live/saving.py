@@ -34,9 +34,9 @@ def texts(scene: Scene, sliders: Sequence[Slider]) -> dict[str, str]:
 
     Marks are "@dt@", "@members@", "@turn_rate@" and "@K@", where slider K moves a number.
     """
-    given = enumerate(sliders)
+    rows = enumerate(sliders)
     return {
-        "as_given": _marked(scene, {k: one for k, one in given if one.kind not in OF_BODY}),
+        "as_given": _marked(scene, {k: slider for k, slider in rows if slider.kind not in OF_BODY}),
         "with_moments": _marked(_with_moments(scene), dict(enumerate(sliders))),
     }
 
@@ -46,8 +46,8 @@ def _with_moments(scene: Scene) -> Scene:
     body = scene.body
     if not body.shape or body.is_turned:
         return scene
-    own = Body(body.moments, mass=body.mass, centre=body.to_principal(body.centre))
-    return scene.with_model(scene.model._replace(body=own))
+    plain = Body(body.moments, mass=body.mass, centre=body.to_principal(body.centre))
+    return scene.with_model(scene.model._replace(body=plain))
 
 
 def _marked(scene: Scene, sliders: Mapping[int, Slider]) -> str:
@@ -115,10 +115,10 @@ def saving_data(live: LiveRun, slider: Slider) -> dict[str, Any]:
     source = slider.source
     if isinstance(source, np.ndarray):
         return {"source": None, "locations": []}
-    known = {"source": as_toml(source, slider.name), "locations": locations(source)}
-    if known["locations"] and (spread := _spread(live, slider)) is not None:
-        return known | {"spread": doubles(spread)}
-    return known | {"locations": []}
+    facts = {"source": as_toml(source, slider.name), "locations": locations(source)}
+    if facts["locations"] and (spread := _spread(live, slider)) is not None:
+        return facts | {"spread": doubles(spread)}
+    return facts | {"locations": []}
 
 
 def _spread(live: LiveRun, slider: Slider) -> NDArray[np.float64] | None:

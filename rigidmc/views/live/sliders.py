@@ -74,19 +74,19 @@ def make_sliders(
         for moments, spin, lean and gravity
     Raises OptionError for a name that no slider can move, with the reason.
     """
-    known = {slider.name: slider for slider in _all(scene, start)}
+    sliders = {slider.name: slider for slider in _all(scene, start)}
     if asked is None:
-        return [slider for name, slider in known.items() if _is_usual(name)]
+        return [slider for name, slider in sliders.items() if _is_usual(name)]
     refused = _refusals(scene)
     made = []
     for name, ends in asked.items():
         why = next((why for part, why in refused.items() if name.startswith(part)), None)
-        if name not in known and why is not None:
+        if name not in sliders and why is not None:
             raise OptionError(f"no slider can move it: {why}", at="slider", value=name)
-        if name not in known:
+        if name not in sliders:
             kind = "number that a slider can move"
-            raise unknown(kind, known, at="slider", value=name, error=OptionError)
-        slider = known[name]
+            raise unknown(kind, sliders, at="slider", value=name, error=OptionError)
+        slider = sliders[name]
         if ends is not None:
             slider = _between(slider, *(_end(scene, name, end) for end in ends))
         made.append(slider)
@@ -157,22 +157,23 @@ def _refusals(scene: Scene) -> dict[str, str]:
 def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
     """Return all sliders that a scene can have."""
     model, refused, made = scene.model, _refusals(scene), list[Slider]()
-    known = parameters_of(model)
+    parameters = parameters_of(model)
     word = model.start.spin_name
     spin = float(np.abs(start[f"start_{word}"]).max())
 
     def add(name: str, label: str, kind: str, place: int, at: tuple[str, int], source: Any) -> None:
         values = np.atleast_2d(start[at[0]])[at[1]]
-        own, unit, by = bool((values == values[0]).all()), units_text(known[name].unit), 1.0
+        is_common = bool((values == values[0]).all())
+        unit, by = units_text(parameters[name].unit), 1.0
         if unit == "rad":
             unit, by = "°", 180.0 / math.pi
-        given = float(values[0])
-        low, high = _ends(kind, given, values, spin)
+        number = float(values[0])
+        low, high = _ends(kind, number, values, spin)
         if kind == "moments":
-            low, high = _possible(start, place, given, low, high)
+            low, high = _possible(start, place, number, low, high)
         row = place if kind == "effect" else 0
-        is_one = own and is_shared(source)
-        ends = given, low, high
+        is_one = is_common and is_shared(source)
+        ends = number, low, high
         made.append(Slider(name, label, unit, by, kind, place, row, *ends, source, is_one, *at))
 
     if "body." not in refused:
@@ -199,12 +200,12 @@ def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
             turned = model.body.is_turned and field in facts(effect).in_body
             for k in range(count or 1):
                 name = f"effects.{label}.{field}" + (f".{k + 1}" if count else "")
-                one = value[k] if count and isinstance(value, tuple) else value
+                source_of = value[k] if count and isinstance(value, tuple) else value
                 if field in user_parameters(effect) and not turned:
                     words = (
                         f"{field}{_INDICES[k] if count and count <= 3 else k + 1 if count else ''}"
                     )
-                    add(name, words, "effect", row, (f"{label}_{field}", k), one)
+                    add(name, words, "effect", row, (f"{label}_{field}", k), source_of)
                 row += 1
     return [slider for slider in made if slider.name not in refused]
 
@@ -214,30 +215,30 @@ def _of_vector(vector: Any, k: int) -> Any:
     return vector[k] if isinstance(vector, tuple) else vector
 
 
-def _ends(kind: str, given: float, values: Floats, spin: float) -> tuple[float, float]:
+def _ends(kind: str, number: float, values: Floats, spin: float) -> tuple[float, float]:
     """Return the ends of a slider around its number; spin : largest component of the spin."""
-    if kind == "spin" and abs(given) < 0.1 * spin:
+    if kind == "spin" and abs(number) < 0.1 * spin:
         return -0.3 * spin, 0.3 * spin
     if kind == "angle":
-        return (0.0, math.pi) if 0.0 <= given <= math.pi else (-math.pi, math.pi)
+        return (0.0, math.pi) if 0.0 <= number <= math.pi else (-math.pi, math.pi)
     # a slider of a number that is 0 for all members ends at 3 units of it
     largest = float(np.abs(values).max()) or 1.0
-    if given > 0.0:
-        return given / WIDE, given * WIDE
+    if number > 0.0:
+        return number / WIDE, number * WIDE
     return -WIDE * largest, WIDE * largest
 
 
 def _possible(
-    start: Mapping[str, Floats], k: int, given: float, low: float, high: float
+    start: Mapping[str, Floats], k: int, number: float, low: float, high: float
 ) -> tuple[float, float]:
     """Return the part of a slider of moment k where all members can exist, with their other moments
     J about the centre of mass: ``|J_i - J_j| <= J_k <= J_i + J_j``.
     """
     values, centre = start["moments"], start["centre"]
     shift = start["mass"].reshape(-1) * ((centre**2).sum(0) - centre**2)
-    own = values - shift
-    one, two = (own[i] for i in range(3) if i != k)
+    about_centre = values - shift
+    first, second = (about_centre[i] for i in range(3) if i != k)
     # a slider gives four digits, which may lie beyond an end by 5e-4 of it
-    least = given + float((np.abs(one - two) * (1.0 + 1e-3) - own[k]).max())
-    most = given + float(((one + two) * (1.0 - 1e-3) - own[k]).min())
-    return min(given, max(low, least)), max(given, min(high, most))
+    least = number + float((np.abs(first - second) * (1.0 + 1e-3) - about_centre[k]).max())
+    most = number + float(((first + second) * (1.0 - 1e-3) - about_centre[k]).min())
+    return min(number, max(low, least)), max(number, min(high, most))

@@ -80,12 +80,12 @@ def unseen(shown: xr.Dataset) -> str:
     if shown.sizes["time"] < 2:
         return ""
     between = float(np.diff(shown.time.values).max())
-    found = sparse(_fastest(shown), between)
-    if found is None:
+    turn = sparse(_fastest(shown), between)
+    if turn is None:
         return ""
     return (
-        f"; it {found.who()} between frames, so the apparent motion is wrong; use dt <="
-        f" {found.every:g} s"
+        f"; it {turn.who()} between frames, so the apparent motion is wrong; use dt <="
+        f" {turn.every:g} s"
     )
 
 
@@ -134,8 +134,8 @@ def radius(shown: xr.Dataset, effects: Iterable[Effect]) -> dict[str, Any]:
     for label, effect in label_effects(effects):
         if isinstance(effect, GravityGradient):
             fields = {name: f"{label}_{name}" for name in effect._fields}
-            own = {k: float(shown[v].values[0]) for k, v in fields.items() if v in shown}
-            orbit = effect._replace(**own)
+            sizes = {k: float(shown[v].values[0]) for k, v in fields.items() if v in shown}
+            orbit = effect._replace(**sizes)
             return {"radius": short([place(orbit, t) for t in shown.time.values.tolist()])}
     return {}
 
@@ -143,7 +143,7 @@ def radius(shown: xr.Dataset, effects: Iterable[Effect]) -> dict[str, Any]:
 def status_of(ds: xr.Dataset, member: int) -> str:
     """Return the name of a member's status."""
     code = int(ds.status.sel(member=member))
-    return next(word for word, known in STATUSES.items() if known == code)
+    return next(word for word, number in STATUSES.items() if number == code)
 
 
 def _continuous(q: Floats) -> Floats:
@@ -157,9 +157,9 @@ def drifts(ds: xr.Dataset, member: int, end: float, allow_code: bool) -> dict[st
     run = rerun(ds, member, save=("energy_drift", "l2_drift"), allow_code=allow_code)
     run = run.isel(time=run.time.values <= end * (1.0 + 1e-9))
     run = run.isel(time=slice(None, None, -(-run.sizes["time"] // POINTS)))
-    found = {name: to_base64(run[name].values[:, 0]) for name in ("energy_drift", "l2_drift")}
-    kept = {name: run[name].attrs.get("conserved", "") for name in found}
-    return {"t": to_base64(run.time.values), **found, "conserved": kept}
+    values = {name: to_base64(run[name].values[:, 0]) for name in ("energy_drift", "l2_drift")}
+    kept = {name: run[name].attrs.get("conserved", "") for name in values}
+    return {"t": to_base64(run.time.values), **values, "conserved": kept}
 
 
 def sphere_density(ds: xr.Dataset) -> dict[str, Any]:
@@ -220,8 +220,8 @@ def map_data(ds: xr.Dataset, allow_code: bool) -> tuple[Scene, dict[str, Any]]:
             far = FRAMES * 2.0 * TURN / again[2]
             shown = integrate_member(scene, member, FRAMES, min(end, far), _step(scene))
         shown.attrs["frames"] += unseen(shown)
-        known = motion_data(shown, scene) | {"pixel": (i, j), "rate": rate}
-        facts.append(known | {"status": "ok", "whole": known["end"] >= 0.999 * scene.run.t_end})
+        data = motion_data(shown, scene) | {"pixel": (i, j), "rate": rate}
+        facts.append(data | {"status": "ok", "whole": data["end"] >= 0.999 * scene.run.t_end})
     return scene, {"members": facts, "density": None, "map": _pixels(ds)}
 
 

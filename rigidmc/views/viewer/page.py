@@ -66,19 +66,19 @@ def view(
 
 def _chosen(ds: xr.Dataset, members: Sequence[int] | None) -> list[int]:
     """Return the indices of the members to show; OptionError."""
-    known, status = ds.member.values, ds.status.values
-    started = known[status != 2]  # a member that never started has no motion
+    indices, status = ds.member.values, ds.status.values
+    started = indices[status != 2]  # a member that never started has no motion
     if members is None:
         if not started.size:
             raise OptionError("no member of the result has started", at="members")
         even = started[np.unique(np.linspace(0, started.size - 1, SHOWN).round().astype(int))]
-        flagged = known[(status != 0) & (status != 2)][:1]
+        flagged = indices[(status != 0) & (status != 2)][:1]
         return sorted({*even.tolist(), *flagged.tolist()})
     if not 1 <= len(members) <= MOST:
         raise OptionError(f"a page shows 1 to {MOST} members", at="members", value=len(members))
     for member in members:
-        if member not in known:
-            rule = f"the result has the members {known[0]} to {known[-1]}"
+        if member not in indices:
+            rule = f"the result has the members {indices[0]} to {indices[-1]}"
             raise OptionError(rule, at="members", value=member)
         if member not in started:
             rule = "this member never started: impossible body or start"
@@ -102,10 +102,10 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
             count, reached, rate = again
             shown = frames(ds, member, count, allow_code, until=reached)
         shown.attrs["frames"] += unseen(shown)
-        known = motion_data(shown, scene) | {"rate": rate, "status": status_of(ds, member)}
-        known["whole"] = known["end"] >= 0.999 * end
-        known["drift"] = drifts(ds, member, known["end"], allow_code)
-        facts.append(known)
+        data = motion_data(shown, scene) | {"rate": rate, "status": status_of(ds, member)}
+        data["whole"] = data["end"] >= 0.999 * end
+        data["drift"] = drifts(ds, member, data["end"], allow_code)
+        facts.append(data)
     crowd = ds.sizes["member"] > len(members)
     return _filled(
         ds.attrs.get("title", "rigidmc"),
