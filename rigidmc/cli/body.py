@@ -173,7 +173,7 @@ def exact_command(
 ) -> None:
     with report_errors(scene):
         from rigidmc.planning.closed_form import closed_form
-        from rigidmc.studies.closed_form import compare
+        from rigidmc.studies.exact import compare
 
         loaded = load_scene(scene, settings, allow_code, run)
         at = loaded.run.t_end if at is None else at

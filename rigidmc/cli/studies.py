@@ -144,7 +144,7 @@ def _source(study: "Study") -> inspect.Parameter:
     kind, metavar = inspect.Parameter.KEYWORD_ONLY, study.work.sources
     if metavar == "SCENE":
         return inspect.Parameter("name", kind, annotation=SceneArgument)
-    if study.needs_scene:
+    if study.work.needs_scene:
         text = f"A shipped scene or a TOML file; or {study.source}."
         source = Annotated[str, typer.Argument(metavar=metavar, help=text)]
         return inspect.Parameter("name", kind, annotation=source)

@@ -12,7 +12,7 @@ Reading order: `framework` (the record is in `framework/study`); `ftle`, the sho
 beside an ensemble), `accuracy`, `stress` (integrators against truths) and `linearise` (steady
 motions), which `framework/work` computes in one call. Four files are verbs, not studies: `until`
 (grow an ensemble until a measure is known), `totals` (keep only sums over the members),
-`closed_form` (compare one top with its formula), `bits` (compare CPUs and GPUs).
+`exact` (compare one top with its formula), `bits` (compare CPUs and GPUs).
 
 Two promises never change: an answer carries its interval, or says why it has none; and it is the
 same for any number of threads, batches and restarts.

@@ -48,7 +48,7 @@ def cases(
     integrators: Collection[str] | None = None, motions: Collection[str] | None = None
 ) -> list[BitCase]:
     """Return the runs, by default with all integrators and of all motions."""
-    found = list[BitCase]()
+    chosen = list[BitCase]()
     for motion, scene in _motions().items():
         if motions is not None and motion not in motions:
             continue
@@ -56,17 +56,17 @@ def cases(
             if name != "closed" and (integrators is None or name in integrators):
                 # midpoint solves for less than 0.5 rad
                 dt = 0.02 if name == "midpoint" else 0.05
-                found.append(_case(motion, scene, f"{name}, {dt}", integrator=name, dt=dt))
+                chosen.append(_case(motion, scene, f"{name}, {dt}", integrator=name, dt=dt))
         if motion in ("heavy", "driven"):
-            own = "rk4, 0.1 steps of their own"
-            found.append(_case(motion, scene, own, integrator="rk4", turn=0.1))
+            name = "rk4, 0.1 steps of their own"
+            chosen.append(_case(motion, scene, name, integrator="rk4", turn=0.1))
         if motion == "heavy":
             single = {"integrator": "rk4", "dt": 0.05, "dtype": "float32"}
-            found.append(_case(motion, scene, "rk4, 0.05, float32", **single))
+            chosen.append(_case(motion, scene, "rk4, 0.05, float32", **single))
             save = (*scene.run.save, "work", "megno")
             more = {"integrator": "strang", "dt": 0.05, "save": save}
-            found.append(_case(motion, scene, "strang, 0.05, works and a tangent", **more))
-    return found
+            chosen.append(_case(motion, scene, "strang, 0.05, works and a tangent", **more))
+    return chosen
 
 
 def with_derivatives(case: BitCase) -> Scene:

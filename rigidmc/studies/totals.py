@@ -17,11 +17,7 @@ from rigidmc.errors import OptionError
 from rigidmc.inputs.amounts import read_count
 from rigidmc.processes.progress import Progress, announce
 from rigidmc.results.layout import ResultLayout
-from rigidmc.results.sinks import (
-    Arrays,
-    HistogramCounts,
-    Sink,
-)
+from rigidmc.results.sinks import Arrays, HistogramCounts, Sink
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.blocks import BlockJob, compute
 from rigidmc.runs.resources import block_of
@@ -124,29 +120,29 @@ class _Total(NamedTuple):
         asked, there, successes = map(operator.add, self[:3], other[:3])
         return _Total(asked, there, successes)
 
-    def estimate(self, one: Measure, moments: Moments, confidence: float) -> Estimate:
+    def estimate(self, measure: Measure, moments: Moments, confidence: float) -> Estimate:
         """Return the Estimate; nan if the time of an event is unknown for some members.
 
         moments : of the numbers of a mean
         """
         without = 1.0 - self.there / self.asked if self.asked else math.nan
-        if not self.there or (one.result.timed and without > 0.0):
+        if not self.there or (measure.result.timed and without > 0.0):
             return Estimate(math.nan, math.nan, math.nan, without)
-        if one.kind == "p":
-            found = probability(self.successes, self.there, confidence)
-            return Estimate(found.value, found.low, found.high, without).each(float)
+        if measure.kind == "p":
+            share = probability(self.successes, self.there, confidence)
+            return Estimate(*share, without).each(float)
         mean = moments.mean
         variance = moments.squares / (self.there - 1) if self.there > 1 else math.nan
         half = float(half_of_mean(variance, self.there, confidence))
         return Estimate(mean, mean - half, mean + half, without)
 
 
-def _total_of(one: Measure, block: Columns) -> _Total:
+def _total_of(measure: Measure, block: Columns) -> _Total:
     """Return the total of a measure over a block of members."""
-    who, values = one.asks(block), one.outcomes(block)
+    who, values = measure.asks(block), measure.outcomes(block)
     there = who & np.isfinite(values)
     asked, count = int(np.count_nonzero(who)), int(np.count_nonzero(there))
-    if one.kind == "p":
+    if measure.kind == "p":
         return _Total(asked, count, int(np.count_nonzero(there & (values == 1.0))))
     return _Total(asked, count, 0, moments_of_groups(values, there))
 
@@ -168,12 +164,12 @@ class _TotalsSink(Sink):
     while its values are in the cache of this core."""
 
     def __init__(self, layout: ResultLayout, first: int, measures: list[Measure]) -> None:
-        names = {"status", "status_time", *(name for one in measures for name in one.names)}
+        names = {"status", "status_time", *(name for x in measures for name in x.names)}
         kept = {name: v for name, v in layout.by_member.items() if name in names}
         self.layout, self._measures = layout._replace(by_member=kept), measures
         self._first = first
         self._totals = [_Total() for _ in measures]
-        self._sums = OrderedSums(sum(one.kind == "mean" for one in measures))
+        self._sums = OrderedSums(sum(x.kind == "mean" for x in measures))
         self._histograms = HistogramCounts(layout.recording.histograms)
 
     def gather(self, job: BlockJob, results: Arrays) -> tuple[int, list[_Total], Arrays]:
@@ -183,7 +179,7 @@ class _TotalsSink(Sink):
             parts = self.layout.split(self.layout.saves(job.out, job.width)[..., job.column :])
             counts = self._histograms.of(job, parts, results["status"])
         group = (job.first - self._first) // GROUP
-        return group, [_total_of(one, block) for one in self._measures], counts
+        return group, [_total_of(x, block) for x in self._measures], counts
 
     def _columns(self, job: BlockJob, results: Arrays) -> dict[str, Column]:
         """Return the variables of the members of a block, as a result has them."""
@@ -200,21 +196,21 @@ class _TotalsSink(Sink):
         group, totals, counts = gathered
         both = zip(self._totals, totals, strict=True)
         self._totals = [total.plus(more) for total, more in both]
-        self._sums.add(group, [one.groups for one in totals if one.groups is not None])
+        self._sums.add(group, [x.groups for x in totals if x.groups is not None])
         self._histograms.add(counts)
 
     def totals(self, members: dict[str, int], confidence: float) -> xr.Dataset:
         """Return the totals as a Dataset; members : of each status."""
         layout, rows = self.layout, iter(self._sums.totals())
         estimates = [
-            total.estimate(one, next(rows) if one.kind == "mean" else Moments(), confidence)
-            for one, total in zip(self._measures, self._totals, strict=True)
+            total.estimate(x, next(rows) if x.kind == "mean" else Moments(), confidence)
+            for x, total in zip(self._measures, self._totals, strict=True)
         ]
         attributes = layout.attributes()
-        known = not why_no_interval(xr.Dataset(attrs=attributes))
+        is_sample = not why_no_interval(xr.Dataset(attrs=attributes))
         table: NDArray[np.float64] = np.array([(*x, x.without) for x in estimates]).reshape(-1, 4)
-        table[:, 1:3] = np.where(known, table[:, 1:3], np.nan)
-        units = [one.units(variables_of(layout.scene)) for one in self._measures]
+        table[:, 1:3] = np.where(is_sample, table[:, 1:3], np.nan)
+        units = [x.units(variables_of(layout.scene)) for x in self._measures]
         variables: dict[str, Any] = {
             name: ("measure", table[:, i], {"confidence": confidence} if 0 < i < 3 else {})
             for i, name in enumerate(("value", "low", "high", "without"))
@@ -226,7 +222,7 @@ class _TotalsSink(Sink):
             variables[name] = (dims, counts, attrs)
         coordinates: dict[str, Any] = {
             **layout.axes.coordinates(),
-            "measure": ("measure", [one.text for one in self._measures]),
+            "measure": ("measure", [x.text for x in self._measures]),
             "units": ("measure", units),
             "status": ("status", list(members)),
         }

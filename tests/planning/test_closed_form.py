@@ -18,7 +18,7 @@ from rigidmc import (
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.runs.simulate import simulate
-from rigidmc.studies.closed_form import compare
+from rigidmc.studies.exact import compare
 from tests.tools import reference
 from tests.tools.commands import invoke
 from tests.tools.plans import closed_form

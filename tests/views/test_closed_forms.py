@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 import rigidmc as rm
-from rigidmc.studies.closed_form import _waves, compare
+from rigidmc.studies.exact import _waves, compare
 from rigidmc.views.closed_forms import (
     draw_effective_potential,
     euler_angles,

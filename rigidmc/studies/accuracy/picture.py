@@ -128,11 +128,7 @@ def long_drift(study: xr.Dataset, figure: Figure | None = None) -> Figure:
 
     study : the Dataset of `rigidmc.studies.accuracy.drift.long_drift`
     """
-    words = {
-        "energy": "energy / energies involved",
-        "l2": "|L|², relative",
-        "lz": "L_z / |L|",
-    }
+    words = {"energy": "energy / energies involved", "l2": "|L|², relative", "lz": "L_z / |L|"}
     shown = [name for name in words if study.attrs[f"{name}_conserved"] == "yes"]
     steps = f"{study.step.values[-1]:,} steps of {study.attrs['dt']:.3g} s"
     members = count_text(study.attrs["members"], "member")

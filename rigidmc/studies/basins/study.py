@@ -310,8 +310,6 @@ basins = Study(
     scene_text="a scene, its file, or the name of a shipped scene, with t_end long enough to reach"
     " an attractor; its distributions span the space",
     example=Example(
-        "damped_dzhanibekov",
-        {"of": "p(omega_last[1] >= 0)", "families": 16},
-        {"t_end": 20.0},
+        "damped_dzhanibekov", {"of": "p(omega_last[1] >= 0)", "families": 16}, {"t_end": 20.0}
     ),
 )

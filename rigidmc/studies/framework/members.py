@@ -226,8 +226,8 @@ def refuse_noise(scene: Scene) -> None:
 
 def refuse_stops(scene: Scene) -> None:
     """Raise SceneError for an event that stops members: an exponent is of a motion that goes on."""
-    for label, one in label_observables(scene.observables):
-        if getattr(one, "stop", False):
+    for label, event in label_observables(scene.observables):
+        if getattr(event, "stop", False):
             rule = "stops members, but exponents are of a motion that goes on: remove it"
             raise SceneError(rule, at=f"observables.{label}.stop", value=True)
 

@@ -181,8 +181,7 @@ class Options:
     @classmethod
     def read(cls, values: Mapping[str, Any]) -> Self:
         """Return the options from values by name, with defaults for the others; OptionError."""
-        given = {one.name: one.read(values.get(one.name, one.default)) for one in options_of(cls)}
-        return cls(**given)
+        return cls(**{x.name: x.read(values.get(x.name, x.default)) for x in options_of(cls)})
 
 
 class NoOptions(Options):
@@ -204,11 +203,10 @@ class Example(NamedTuple):
 
 def options_of(cls: type[Options]) -> list[Option]:
     """Return the options of a class with names and types, in the order of its fields."""
-    hints = get_type_hints(cls)
-    found = []
-    for one in fields(cls):  # type: ignore[arg-type]  # a subclass is a dataclass
-        kind, known = hints[one.name], one.metadata["option"]
-        if known.type is None and type(None) in get_args(kind):
-            (kind,) = (one for one in get_args(kind) if one is not type(None))
-        found.append(replace(known, name=one.name, type=known.type or kind))
-    return found
+    hints, options = get_type_hints(cls), []
+    for of_class in fields(cls):  # type: ignore[arg-type]  # a subclass is a dataclass
+        kind, record = hints[of_class.name], of_class.metadata["option"]
+        if record.type is None and type(None) in get_args(kind):
+            (kind,) = (x for x in get_args(kind) if x is not type(None))
+        options.append(replace(record, name=of_class.name, type=record.type or kind))
+    return options

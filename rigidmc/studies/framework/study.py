@@ -23,7 +23,7 @@ from rigidmc.studies.framework.options import (
     parameter,
 )
 from rigidmc.studies.framework.variables import StudyVariable, returned
-from rigidmc.studies.framework.work import Direct, Work
+from rigidmc.studies.framework.work import Work
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -100,15 +100,10 @@ class Study:
 
     def __call__(self, *arguments: Any, **keywords: Any) -> xr.Dataset:
         """Compute the study of a scene, as described in the docstring of the study."""
-        given = self._bound(arguments, keywords)
-        threads, device, progress = (given.pop(name, None) for name in KEYWORDS)
-        design, options = self._designed(given)
+        values = self._bound(arguments, keywords)
+        threads, device, progress = (values.pop(name, None) for name in KEYWORDS)
+        design, options = self._designed(values)
         return self.work.compute(design, options, threads, device, progress)
-
-    @property
-    def needs_scene(self) -> bool:
-        """Whether the study requires a scene."""
-        return not isinstance(self.work, Direct) or self.work.needs_scene
 
     def design(self, *arguments: Any, **keywords: Any) -> Any:
         """Return the scene with the members of the study; for tasks, (scene, request). It
@@ -132,9 +127,9 @@ class Study:
         Raises OptionError for a result that cannot be studied, SceneError for code that is not
         allowed, and the errors of the study.
         """
-        known = [one.name for one in self._arguments() if not one.is_new]
-        self._refuse_unknown(options, known)
-        asked = self.options.read({**dict(zip(known, arguments, strict=False)), **options})
+        names = [option.name for option in self._arguments() if not option.is_new]
+        self._refuse_unknown(options, names)
+        asked = self.options.read({**dict(zip(names, arguments, strict=False)), **options})
         return self.work.stored(self.name, result, asked, threads, allow_code)
 
     def draw(self, dataset: xr.Dataset, **options: Any) -> "Figure":
@@ -143,23 +138,21 @@ class Study:
         figure: Figure = getattr(module, self.picture)(dataset, **options)
         return figure
 
-    def _designed(self, given: dict[str, Any]) -> tuple[Any, Options]:
+    def _designed(self, values: dict[str, Any]) -> tuple[Any, Options]:
         """Return (result of `design`, options) for bound arguments."""
-        names = {one.name for one in self._arguments()}
-        asked = {k: v for k, v in given.items() if k in names}
-        scene = given.get("scene")
-        if self.needs_scene or scene is not None:
+        names, scene = {option.name for option in self._arguments()}, values.pop("scene", None)
+        if self.work.needs_scene or scene is not None:
             scene = as_scene(scene)
-        settings = {k: v for k, v in given.items() if k not in (*names, "scene")}
-        return self.designed(scene, asked, settings)
+        asked = {key: values.pop(key) for key in names & set(values)}
+        return self.designed(scene, asked, values)
 
     def designed(
         self, scene: Scene | None, options: Mapping[str, Any], settings: Mapping[str, Any]
     ) -> tuple[Any, Options]:
         """Return (result of `design`, options) for values by name."""
-        for one in options_of(self.options):
-            if one.missing and options.get(one.name) is None:
-                raise OptionError(one.missing, at=one.name)
+        for option in options_of(self.options):
+            if option.missing and options.get(option.name) is None:
+                raise OptionError(option.missing, at=option.name)
         read = self.options.read(options)
         if scene is None:
             for key, value in settings.items():
@@ -173,43 +166,43 @@ class Study:
 
     def _arguments(self) -> list[Option]:
         """Return the options that the function has."""
-        return [one for one in options_of(self.options) if one.in_function]
+        return [option for option in options_of(self.options) if option.in_function]
 
     def _bound(self, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> dict[str, Any]:
         """Return the arguments of a call by name; TypeError for unknown ones."""
         signature = inspect.signature(self)
-        given: dict[str, Any] = dict(signature.bind(*arguments, **keywords).arguments)
-        settings: dict[str, Any] = given.pop("settings", {})
-        known = [name for name in signature.parameters if name != "settings"]
+        values: dict[str, Any] = dict(signature.bind(*arguments, **keywords).arguments)
+        settings: dict[str, Any] = values.pop("settings", {})
         # a study evaluates values: it has no place for derivatives
-        self._refuse_unknown(settings, [*known, *(n for n in Run.model_fields if n != "wrt")])
-        return {**given, **settings}
+        of_run = [name for name in Run.model_fields if name != "wrt"]
+        self._refuse_unknown(settings, [*list(signature.parameters)[:-1], *of_run])
+        return {**values, **settings}
 
-    def _refuse_unknown(self, keywords: Mapping[str, Any], known: list[str]) -> None:
+    def _refuse_unknown(self, keywords: Mapping[str, Any], names: list[str]) -> None:
         for word in keywords:
-            if word not in known:
-                raise TypeError(no_such_keyword(self.name, word, known))
+            if word not in names:
+                raise TypeError(no_such_keyword(self.name, word, names))
 
     def _signature(self) -> inspect.Signature:
         """(scene, options, *, threads, device, progress, **settings)"""
         kinds = inspect.Parameter
-        default = kinds.empty if self.needs_scene else None
+        default = kinds.empty if self.work.needs_scene else None
         made = [kinds("scene", kinds.POSITIONAL_OR_KEYWORD, default=default)]
-        for one in self._arguments():
-            default = one.default if one.is_optional else kinds.empty
-            made.append(kinds(one.name, kinds.POSITIONAL_OR_KEYWORD, default=default))
+        for option in self._arguments():
+            default = option.default if option.is_optional else kinds.empty
+            made.append(kinds(option.name, kinds.POSITIONAL_OR_KEYWORD, default=default))
         made += [kinds(name, kinds.KEYWORD_ONLY, default=None) for name in self.work.keywords]
         made.append(kinds("settings", kinds.VAR_KEYWORD))
         return inspect.Signature(made, return_annotation=xr.Dataset)
 
     def _parameters(self) -> str:
         """Return the section Parameters of the docstring."""
-        optional = "" if self.needs_scene else ", optional"
+        optional = "" if self.work.needs_scene else ", optional"
         return "\n".join([
             "Parameters",
             "----------",
             parameter(f"scene : Scene or path_like{optional}", self.scene_text),
-            *(one.documented() for one in self._arguments()),
+            *(option.documented() for option in self._arguments()),
             *(
                 parameter(f"{name} : {kind}, optional", text)
                 for name, (kind, text) in self.work.keywords.items()

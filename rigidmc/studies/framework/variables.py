@@ -70,8 +70,10 @@ def make_dataset(
         replace those declared
     units : of the measure that is asked for
     """
-    assert [one.name for one in variables] == list(values), "other variables than declared"
-    made = (one.made(values[one.name], attrs, units) for one in variables)
+    assert [variable.name for variable in variables] == list(values), (
+        "other variables than declared"
+    )
+    made = (x.made(values[x.name], attrs, units) for x in variables)
     return xr.Dataset({name: x for part in made for name, x in part.items()}, coordinates, attrs)
 
 
@@ -94,7 +96,7 @@ def returned(variables: Sequence[StudyVariable]) -> str:
         "    the variables, with their dimensions and the ends of their intervals:",
         "",
     )
-    return "\n".join([*lines, *(one.documented() for one in variables)])
+    return "\n".join([*lines, *(variable.documented() for variable in variables)])
 
 
 def interval_of(study: xr.Dataset, name: str) -> Interval:

@@ -17,6 +17,7 @@ class Work:
 
     sources : argument of its command
     counted : what it counts for a function given as `progress`
+    needs_scene : whether it requires a scene
     design : (scene with the settings, options, settings) -> the argument of `compute`; raises for a
         scene that cannot be studied
     """
@@ -24,6 +25,7 @@ class Work:
     design: Callable[[Scene, Any, Mapping[str, Any]], Any]
     sources = "SCENE"
     counted = "members"
+    needs_scene: bool = True
 
     @property
     def keywords(self) -> dict[str, tuple[str, str]]:

@@ -13,11 +13,7 @@ from rigidmc.scene.derivatives import (
 )
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.measures import Measure, Variables, measure
-from rigidmc.studies.gradient.scores import (
-    scores_of_noise,
-    scores_of_scene,
-    why_no_noise_score,
-)
+from rigidmc.studies.gradient.scores import scores_of_noise, scores_of_scene, why_no_noise_score
 
 ENDS = "_final", "_last"  # of names of observables at the end
 

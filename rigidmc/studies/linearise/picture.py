@@ -9,13 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rigidmc.results.labels import (
-    axis_label,
-    count_text,
-    in_symbols,
-    long_label,
-    with_degrees,
-)
+from rigidmc.results.labels import axis_label, count_text, in_symbols, long_label, with_degrees
 from rigidmc.studies.linearise.stability import MOTION
 from rigidmc.views.figures import (
     ALARM,

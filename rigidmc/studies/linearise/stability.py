@@ -19,14 +19,7 @@ from scipy.linalg import eig
 from scipy.optimize import minimize_scalar
 
 from rigidmc.studies.linearise.rates import rates_of
-from rigidmc.studies.linearise.steady import (
-    ALIKE,
-    States,
-    frames,
-    moved,
-    newton_steps,
-    standing,
-)
+from rigidmc.studies.linearise.steady import ALIKE, States, frames, moved, newton_steps, standing
 from rigidmc.studies.linearise.symmetries import (
     System,
     cross_matrix,

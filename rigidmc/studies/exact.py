@@ -36,18 +36,22 @@ def compare(scene: Scene, at: float, members: int) -> list[str]:
     if not good.any():
         rule = f"each of the first {members:,} has an impossible body or start: nothing to compare"
         raise OptionError(rule, at="members")
-    motions, plural = case.kinds(), "s" * (members > 1)
+    motions = case.kinds()
+    count = count_text(members, "member")
     lines = [
-        f"{scene.title}: {case.name}, closed form at t = {at:g} s, {members:,} member{plural}",
+        f"{scene.title}: {case.name}, closed form at t = {at:g} s, {count}",
         _kinds(motions, good),
         *_facts(motions, scene.run.first, members),
         *_steady(case, motions, scene.run.first, members),
         *_sleep(case, motions),
     ]
     if not at > 0:
-        shown = np.argmax(good)
         lines.append("integration  none: it runs forward from t = 0")
-        return lines + _state(motion.omega[shown], motion.attitude[shown])
+        for word, values in (("omega", motion.omega), ("attitude", motion.attitude)):
+            numbers = "  ".join(f"{x:.16g}" for x in values[np.argmax(good)])
+            lines.append(f"{word:12s} {numbers}")
+        return lines
+    # another scene: it ends at this time, and saves what the closed form has
     run = scene.with_run(t_end=at, every=at, save=("omega", "attitude"), members=members)
     if scene.body.is_turned:
         lines.append("states are in the principal axes")
@@ -212,16 +216,9 @@ def _beside(motion: Motion, result: xr.Dataset) -> list[str]:
     lines += [f"{word:12s} {a:24.16g} {b:24.16g} {b - a:12.2e}" for word, a, b in rows]
     apart = np.linalg.norm(omega - motion.omega, axis=-1)[good]
     angle = attitude_error(attitude[good], motion.attitude[good])
-    over = f"over {good.sum():,} member{'s' * bool(good.sum() > 1)}"
+    over = f"over {count_text(int(good.sum()), 'member')}"
     for word, off, unit in (("omega", apart, "rad/s"), ("attitude", angle, "rad")):
         median, worst = f"{np.median(off):.2e} {unit}", f"{off.max():.2e} {unit}"
         words = f"{median} (median), {worst} (worst) {over}" if members > 1 else worst
         lines.append(f"{word:12s} difference {words}")
     return lines
-
-
-def _state(omega: NDArray[np.float64], attitude: NDArray[np.float64]) -> list[str]:
-    return [
-        "omega        " + "  ".join(f"{x:.16g}" for x in omega),
-        "attitude     " + "  ".join(f"{x:.16g}" for x in attitude),
-    ]
