@@ -18,7 +18,7 @@ from tests.tools.faulty import LINUX
 
 ROOT = Path(rm.__file__).parent
 COMMAND = os.path.join(os.path.dirname(sys.executable), "rigidmc")
-HELPERS = ("files.trial", "engine.compile_helper", "planning.tolerance.ahead",
+HELPERS = ("files.trial", "engine.compile_helper", "planning.tolerance.search",
            "studies.stress.processes")  # fmt: skip
 
 

@@ -270,7 +270,7 @@ def test_a_run_without_disk_space_does_not_begin(tmp_path):
     """
     asked = list[int]()
 
-    def hopeless(scene, plan, threads, *_):
+    def hopeless(run, count, block, threads, *_):
         asked.append(threads)
         raise NoRoom("too little memory")
 
