@@ -198,6 +198,7 @@ def animate_command(
         from rigidmc.runs.frames import frames
 
         refuse_outputs(force, animation=output)
+        from rigidmc.processes.progress import reporter
         from rigidmc.views.animation import SMOOTH, between_frames, check_writer
         from rigidmc.views.animation import animate as draw
 
@@ -214,7 +215,13 @@ def animate_command(
             line = f"  the member makes only {made}, enough for {count_text(count, 'frame')}"
             print(line, file=sys.stderr)
             fps = max(1, round(count / seconds))
-        draw(dataset, output, fps, force=force)
+        with reporter(True, count, 1, "frames") as report:
+
+            def show(done: int, _: int) -> None:
+                report.done = done
+                report.poll()
+
+            draw(dataset, output, fps, show, force)
         end = float(dataset.time.values[-1])
         print(f"{dataset.attrs['title']}: member {member}, {count} frames of {end:g} s")
         if note := between_frames(dataset):
@@ -343,7 +350,9 @@ def _live_page(
 
 
 def _slider(text: str) -> tuple[str, tuple[str, str] | None]:
-    """Read NAME or NAME=LOW:HIGH; OptionError."""
+    """Read NAME or NAME=LOW:HIGH; OptionError. A unit beside HIGH alone is the unit of both."""
+    from rigidmc.inputs.units import as_measured, quantity_text
+
     name, has_ends, ends = text.partition("=")
     if not has_ends:
         return name, None
@@ -354,6 +363,8 @@ def _slider(text: str) -> tuple[str, tuple[str, str] | None]:
             " start.attitude.theta=0deg:60deg"
         )
         raise OptionError(rule, at="slider", value=text)
+    if quantity_text(high) and not quantity_text(low):
+        low = f"{low} {as_measured(high).unit}"
     return name, (low, high)
 
 

@@ -59,10 +59,13 @@ class Report:
 
 
 @contextmanager
-def reporter(progress: Progress, members: int, steps: int) -> Iterator[Report]:
+def reporter(
+    progress: Progress, members: int, steps: int, things: str = "members"
+) -> Iterator[Report]:
     """Yield a report with step(count) and poll().
 
     progress : True for a bar or lines, or a function of (done, total) member-steps
+    things : what the rate on the bar counts
     """
     total = members * steps
     if callable(progress):
@@ -76,7 +79,7 @@ def reporter(progress: Progress, members: int, steps: int) -> Iterator[Report]:
         yield report
         report.poll()
     elif sys.stderr.isatty():
-        with _bar(total, steps) as report:
+        with _bar(total, steps, things) as report:
             yield report
             report.poll()
     else:
@@ -84,7 +87,7 @@ def reporter(progress: Progress, members: int, steps: int) -> Iterator[Report]:
 
 
 @contextmanager
-def _bar(total: int, steps: int) -> Iterator[Report]:
+def _bar(total: int, steps: int, things: str) -> Iterator[Report]:
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -108,7 +111,7 @@ def _bar(total: int, steps: int) -> Iterator[Report]:
 
         def show(done: int, total: int) -> None:
             rate = done / max(1e-9, time.perf_counter() - began)
-            bar.update(task, completed=done, rate=f"{rate / steps:,.0f} members/s")
+            bar.update(task, completed=done, rate=f"{rate / steps:,.0f} {things}/s")
 
         yield Report(total, show)
 

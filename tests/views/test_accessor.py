@@ -130,12 +130,14 @@ def test_even_points_give_no_interval():
     assert "equal to the bit" in ds.rigid.rerun(7).attrs["rerun"]
 
 
-def test_an_animation(result, tmp_path):
+def test_an_animation(result, tmp_path, monkeypatch):
     from PIL import Image
 
+    monkeypatch.setattr("rigidmc.processes.progress._LINE_SECONDS", 0.0)
     path = tmp_path / "top.gif"
     done = invoke("animate", result, "--member", "7", "-o", path, "--seconds", "0.5", "--fps", "10")
     assert done.exit_code == 0, done.output
+    assert "80 % done" in done.output  # a film takes half a minute: it must show progress
     with Image.open(path) as picture:
         assert picture.n_frames == 5 and picture.size == (864, 450)
         picture.seek(0)

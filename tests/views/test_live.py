@@ -266,7 +266,7 @@ def test_an_angle_in_a_list_is_set_by_name():
 def test_the_command_writes_a_page(tmp_path):
     path = tmp_path / "top.html"
     words = ["view", "heavy_top", "--live", "--slider", "effects.gravity.g=0:20", "-o", str(path)]
-    words += ["--slider", "start.attitude.theta=0deg:90 deg"]
+    words += ["--slider", "start.attitude.theta=1:90 deg"]  # as on a map, 1 deg
     found = invoke(*words)
     assert found.exit_code == 0 and str(path) in found.output
     data = json.loads(
@@ -274,7 +274,7 @@ def test_the_command_writes_a_page(tmp_path):
     )
     assert [(s["name"], s["low"], s["high"]) for s in data["sliders"]] == [
         ("effects.gravity.g", 0, 20),
-        ("start.attitude.theta", 0, pytest.approx(math.pi / 2)),
+        ("start.attitude.theta", pytest.approx(math.pi / 180), pytest.approx(math.pi / 2)),
     ]
     found = invoke("view heavy_top --slider body.mass")
     assert found.exit_code == 3 and "is for --live" in found.output
