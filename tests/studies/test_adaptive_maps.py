@@ -13,7 +13,7 @@ from rigidmc.runs.directory import resume
 from rigidmc.runs.directory.folder import CHOSEN, RunDirectory, status
 from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.pixels import Pixels
-from rigidmc.studies.stability_map.question import make_request, with_borders
+from rigidmc.studies.stability_map.question import make_request
 from rigidmc.studies.stability_map.refine import BEGUN, STRIDE, pixel_multiple, refine
 from rigidmc.studies.stability_map.stored import create_map, resume_growing
 from tests.tools import torture
@@ -44,7 +44,7 @@ def adaptive():
 
 
 def started(path):
-    asked = with_borders(make_request(*SIDES, OF, SHAPE, 1), True)
+    asked = make_request(*SIDES, OF, SHAPE, 1, adaptive=True)
     return create_map(prepare_map(asked, SCENE, **RUN), path)
 
 
@@ -108,7 +108,7 @@ def levels(asked, values, low=None, high=None):
 
 @pytest.mark.parametrize("shape", [(300, 200), (61, 37), (1, 64), (8, 8), (130, 1)])
 def test_a_disc_is_found_by_its_edge(shape):
-    asked = with_borders(make_request(*SIDES, "p(flips >= 1)", shape, 1), True)
+    asked = make_request(*SIDES, "p(flips >= 1)", shape, 1, adaptive=True)
     asked = asked._replace(borders=(("p(flips >= 1)", (0.5,)),))
     y, x = np.mgrid[: shape[1], : shape[0]]
     values = ((x - 0.4 * shape[0]) ** 2 + (y - 0.4 * shape[1]) ** 2 < (0.3 * max(shape)) ** 2) * 1.0
@@ -123,7 +123,7 @@ def test_a_disc_is_found_by_its_edge(shape):
 
 
 def test_pixels_that_are_not_sure_are_computed_more_finely():
-    asked = with_borders(make_request(*SIDES, "p(flips >= 1)", 128, 20), True)
+    asked = make_request(*SIDES, "p(flips >= 1)", 128, 20, adaptive=True)
     asked = asked._replace(borders=(("p(flips >= 1)", (0.5,)),))
     values = np.full((128, 128), 0.7)
     few, _ = levels(asked, values, values - 0.1, values + 0.1)

@@ -2,8 +2,8 @@
 
 import time
 import warnings
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -19,17 +19,17 @@ from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
-from rigidmc.statistics.measures import Measure, measure, save_for_measures
+from rigidmc.statistics.measures import measure, save_for_measures
 from rigidmc.studies.framework.sides import Side
 from rigidmc.studies.stability_map.cases import MAPS
-from rigidmc.studies.stability_map.pixels import PixelCollector, Pixels, join_pixels, map_dataset
-from rigidmc.studies.stability_map.question import (
-    Borders,
-    MapRequest,
-    Resolution,
-    make_request,
-    with_borders,
+from rigidmc.studies.stability_map.pixels import (
+    MapRun,
+    PixelCollector,
+    Pixels,
+    join_pixels,
+    map_dataset,
 )
+from rigidmc.studies.stability_map.question import Borders, MapRequest, Resolution, make_request
 from rigidmc.studies.stability_map.refine import BEGUN, borders_of, pixel_members, refine
 
 CHUNK = 2**17  # members at once: 20 to 40 MB, and 40 waits for the last block in a map of 4e6
@@ -39,19 +39,6 @@ RESOLUTION = 256  # pixels per side of a shipped map
 Progress = bool | Callable[[int, int], object] | None  # True for a bar
 # (members, number computed before, number in all) -> their result
 Compute = Callable[[range | NDArray[np.int64], int, int], xr.Dataset]
-
-
-class MapRun(NamedTuple):
-    """A prepared map, before its first step.
-
-    scene : with the members of the map, integrator and step
-    known : {name: Variable} of the members
-    """
-
-    request: MapRequest
-    scene: Scene
-    measures: list[Measure]
-    known: dict[str, Variable]
 
 
 def replicas_of(scene: Scene, x: Side, y: Side) -> int:
@@ -79,8 +66,10 @@ def prepared_case(
     changes = {key: value for key, value in settings.items() if value is not None}
     usual = {k: value for k, value in case.settings.items() if k != "dt" or "turn" not in changes}
     members = case.members if members is None else members
-    request = make_request(case.x, case.y, case.of, resolution, members, name=name)
-    request = with_borders(request, case.borders if adaptive is True else adaptive)
+    if adaptive is True:
+        adaptive = case.borders
+    sides = case.x, case.y, case.of, resolution, members
+    request = make_request(*sides, name=name, adaptive=adaptive)
     return prepare_map(request, case.scene, **usual | changes)
 
 
@@ -101,12 +90,12 @@ def prepare_map(request: MapRequest, scene: Scene, **settings: Any) -> MapRun:
     return describe_map(request, scene, run.layout.by_member)
 
 
-def describe_map(request: MapRequest, scene: Scene, known: dict[str, Variable]) -> MapRun:
-    """Return the MapRun of a scene with its integrator; known : the variables of its members."""
+def describe_map(request: MapRequest, scene: Scene, by_member: Mapping[str, Variable]) -> MapRun:
+    """Return the MapRun of a scene with its integrator."""
     measures = [measure(text, variables_of(scene)) for text in request.of]
     if request.borders is not None:
         request = request._replace(borders=borders_of(measures, request.borders))
-    return MapRun(request, scene, measures, known)
+    return MapRun(request, scene, measures, by_member)
 
 
 def run_map(
@@ -155,7 +144,7 @@ def finish_map(
     if request.borders is not None and computed is None:
         state = refine(request, pixels)
         pixels, computed = pixels.at(state.source), state.known
-    ds = map_dataset(request, map_run.scene, map_run.known, map_run.measures, pixels, computed)
+    ds = map_dataset(map_run, pixels, computed)
     if request.name in MAPS:
         case = MAPS[request.name]()
         sides = np.meshgrid(ds.x.values, ds.y.values)
@@ -177,7 +166,7 @@ def _with_integrator(scene: Scene) -> Scene:
 def _refined(map_run: MapRun, compute: Compute) -> Pixels:
     """Integrate the pixels of an adaptive map, level by level, and return them."""
     request, done = map_run.request, 0
-    collected, level = PixelCollector(request, map_run.measures), BEGUN
+    collected, level = PixelCollector(map_run), BEGUN
     while True:
         state = refine(request, pixels := collected.pixel_values(), level)
         if not (level := state.level):
@@ -196,7 +185,7 @@ def _computed(map_run: MapRun, compute: Compute) -> Iterator[Pixels]:
     together = CHUNK // request.pixels if width == request.pixels else 1  # replicas
     for low in range(0, request.pixels, width):
         here = range(low, min(low + width, request.pixels))
-        collected = PixelCollector(request, map_run.measures, here)
+        collected = PixelCollector(map_run, here)
         for replica in range(0, request.replicas, together):
             more = min(together, request.replicas - replica) - 1
             first = replica * request.pixels + low

@@ -45,27 +45,38 @@ class Pixels(NamedTuple):
         return Pixels(intervals, self.counts[:, source])
 
 
+class MapRun(NamedTuple):
+    """A prepared map, before its first step.
+
+    scene : with the members of the map, integrator and step
+    by_member : {name: Variable} of the members
+    """
+
+    request: MapRequest
+    scene: Scene
+    measures: list[Measure]
+    by_member: Mapping[str, Variable]
+
+
 class PixelCollector:
     """Collector of the values of the members in a range of pixels, (replicas, pixels)."""
 
-    def __init__(
-        self, request: MapRequest, measures: Sequence[Measure], pixels: range | None = None
-    ) -> None:
-        self.request, self.measures = request, measures
-        self.pixels = range(request.pixels) if pixels is None else pixels
-        shape = request.replicas, len(self.pixels)
+    def __init__(self, map_run: MapRun, pixels: range | None = None) -> None:
+        self.request, self.measures = map_run.request, map_run.measures
+        self.pixels = range(self.request.pixels) if pixels is None else pixels
+        shape = self.request.replicas, len(self.pixels)
         self._status = np.full(shape, _NOT_THERE, "i1")
-        self._values = {one.text: np.zeros(shape, one.dtype) for one in measures}
-        self._asked = {one.text: np.zeros(shape, bool) for one in measures}
+        self._values = {measure.text: np.zeros(shape, measure.dtype) for measure in self.measures}
+        self._asked = {measure.text: np.zeros(shape, bool) for measure in self.measures}
 
     def take(self, dataset: xr.Dataset) -> None:
         """Store the values of the members of a result."""
         replica, pixel = np.divmod(dataset.member.values, self.request.pixels)
         place = replica * len(self.pixels) + pixel - self.pixels.start
         self._status.reshape(-1)[place] = dataset.status.values
-        for one in self.measures:
-            self._values[one.text].reshape(-1)[place] = one.values(dataset)
-            self._asked[one.text].reshape(-1)[place] = one.asks(dataset)
+        for measure in self.measures:
+            self._values[measure.text].reshape(-1)[place] = measure.values(dataset)
+            self._asked[measure.text].reshape(-1)[place] = measure.asks(dataset)
 
     def missing(self) -> int:
         """Return the number of members not yet computed."""
@@ -74,7 +85,7 @@ class PixelCollector:
     def pixel_values(self) -> Pixels:
         """Return the intervals and counts of the pixels."""
         size = len(self.pixels)
-        intervals = {one.text: np.full((4, size), np.nan) for one in self.measures}
+        intervals = {measure.text: np.full((4, size), np.nan) for measure in self.measures}
         counts, step = np.zeros((3, size), "i4"), max(1, _AT_ONCE // self.request.replicas)
         for low in range(0, size, step):
             part = slice(low, low + step)
@@ -82,10 +93,10 @@ class PixelCollector:
             none, good = status == STATUSES["invalid_input"], status == 0
             failed = ~good & ~none & (status != _NOT_THERE)
             counts[:, part] = good.sum(1), failed.sum(1), none.sum(1)
-            for one in self.measures:
-                values, asked = (x[one.text][:, part].T for x in (self._values, self._asked))
-                found = one.interval(values, asked, self.request.confidence)
-                intervals[one.text][:, part] = *found, found.without
+            for measure in self.measures:
+                values, asked = (x[measure.text][:, part].T for x in (self._values, self._asked))
+                estimate = measure.interval(values, asked, self.request.confidence)
+                intervals[measure.text][:, part] = *estimate, estimate.without
         return Pixels(intervals, counts)
 
 
@@ -106,42 +117,43 @@ def measure_variables(measure: Measure) -> tuple[str, str, str, str]:
 
 
 def map_dataset(
-    request: MapRequest,
-    scene: Scene,
-    known: Mapping[str, Variable],
-    measures: Sequence[Measure],
-    pixels: Pixels,
-    computed: NDArray[np.bool_] | None = None,
+    map_run: MapRun, pixels: Pixels, computed: NDArray[np.bool_] | None = None
 ) -> xr.Dataset:
     """Return the Dataset of a map.
 
-    known : the variables of the members of the scene
     computed : of an adaptive map, whether each pixel was computed
     """
-    shape, dims, variables = request.shape, tuple(request.sides), dict[str, Any]()
-    for one in measures:
-        attrs = known[one.result.name].attrs
-        text = f"{one.text}: {attrs.get('long_name', '')}"
-        share = f"of its {100 * request.confidence:g} % interval"
-        ends = "", f", low end {share}", f", high end {share}"
-        *names, lacking = measure_variables(one)
-        *numbers, without = pixels.intervals[one.text]
+    request, scene, by_member = map_run.request, map_run.scene, map_run.by_member
+    variables: dict[str, Any] = {}
+
+    def put(name: str, values: NDArray[Any], text: str, **about: str) -> None:
+        attrs = {**about, "long_name": text}
+        variables[name] = tuple(request.sides), values.reshape(request.shape), attrs
+
+    share = f"of its {100 * request.confidence:g} % interval"
+    ends = "", f", low end {share}", f", high end {share}"
+    for measure in map_run.measures:
+        text = f"{measure.text}: {by_member[measure.result.name].attrs.get('long_name', '')}"
+        *names, lacking = measure_variables(measure)
+        *numbers, without = pixels.intervals[measure.text]
         if not is_sample(scene.model):  # all members of a pixel are equal: no interval
             numbers[1:] = np.full((2, without.size), np.nan)
+        about = {"units": measure.units(by_member)}
+        about |= {CENSORED: FOLLOWED} if measure.result.timed else {}
         for name, values, end in zip(names, numbers, ends, strict=True):
-            about = {"units": one.units(known), "long_name": text + end}
-            about |= {CENSORED: FOLLOWED} if one.result.timed else {}
-            variables[name] = (dims, values.reshape(shape), about)
+            put(name, values, text + end, **about)
         if (without > 0.0).any():
-            text = f"{one.text}: fraction of members without a value"
-            about = {"units": "1", "long_name": text}
-            variables[lacking] = (dims, without.reshape(shape), about)
+            put(lacking, without, f"{measure.text}: fraction of members without a value", units="1")
     for (name, text), count in zip(COUNTS.items(), pixels.counts, strict=True):
-        about = {"units": "1", "long_name": text}
-        variables[name] = (dims, count.reshape(shape), about)
+        put(name, count, text, units="1")
     if computed is not None:
-        about = {"long_name": "1 if the pixel was computed, 0 if it copies a computed one nearby"}
-        variables[COMPUTED] = (dims, computed.astype("i1").reshape(shape), about)
+        text = "1 if the pixel was computed, 0 if it copies a computed one nearby"
+        put(COMPUTED, computed.astype("i1"), text)
+    coordinates = {}
+    for key, grid in request.grids().items():
+        name, *_, log = request.sides[key]
+        about = {"units": unit_at(scene.model, name)}
+        coordinates[key] = (key,), grid.values(), {"long_name": name, **about, "log": int(log)}
     facts = {
         "title": scene.title,
         "source": f"rigidmc {VERSION}",
@@ -152,13 +164,4 @@ def map_dataset(
         "t_end": scene.run.t_end,
         ASKED: request.text(),
     }
-    return xr.Dataset(variables, _coordinates(request, scene), facts)
-
-
-def _coordinates(request: MapRequest, scene: Scene) -> dict[str, Any]:
-    found = {}
-    for key, grid in request.grids().items():
-        name, *_, log = request.sides[key]
-        attrs = {"long_name": name, "units": unit_at(scene.model, name), "log": int(log)}
-        found[key] = ((key,), grid.values(), attrs)
-    return found
+    return xr.Dataset(variables, coordinates, facts)

@@ -77,8 +77,7 @@ class MapRequest(NamedTuple):
         grids = self.grids()
         for key in reversed(grids):
             scene = with_parameter(scene, self.sides[key][0], grids[key], key)
-        whole: Scene = scene.with_run(members=self.members, first=0)
-        return whole
+        return scene.with_run(members=self.members, first=0)
 
     def text(self) -> str:
         """Return the request as JSON, for the facts of a run directory."""
@@ -97,11 +96,13 @@ def make_request(
     z: Side | None = None,
     layers: int | None = None,
     scene: Scene | None = None,
+    adaptive: bool | Borders = False,
     **more: Any,
 ) -> MapRequest:
     """Return the MapRequest from user input; OptionError for bad sides, measures and sizes.
 
     scene : its parameters convert ends with a unit to SI
+    adaptive : whether the map is adaptive; or its borders, in place of the default ones
     """
     texts = (of,) if isinstance(of, str) else tuple(of)
     if not texts or not all(isinstance(text, str) for text in texts):
@@ -116,10 +117,10 @@ def make_request(
         more["layers"] = read_count(LAYERS if layers is None else layers, "layers", 1, MOST_LAYERS)
         if z[0] in (x[0], y[0]):
             raise OptionError("is already the parameter of x or y", at="z", value=z[0])
-    columns, rows = columns_and_rows(resolution)
-    return MapRequest(
-        across, upwards, texts, columns, rows, read_count(replicas, "members"), **more
-    )
+    if adaptive is not False:
+        more["borders"] = () if adaptive is True else adaptive
+    sizes = *columns_and_rows(resolution), read_count(replicas, "members")
+    return MapRequest(across, upwards, texts, *sizes, **more)
 
 
 def columns_and_rows(resolution: Resolution) -> tuple[int, int]:
@@ -130,14 +131,6 @@ def columns_and_rows(resolution: Resolution) -> tuple[int, int]:
         raise OptionError(rule, at="resolution", value=resolution)
     columns, rows = (read_count(side, "resolution", 1, MOST) for side in shape)
     return columns, rows
-
-
-def with_borders(request: MapRequest, adaptive: bool | Borders) -> MapRequest:
-    """Return the request of an adaptive map, with given or default borders; or, for False, of a map
-    that is not adaptive."""
-    if isinstance(adaptive, bool):
-        return request._replace(borders=() if adaptive else None)
-    return request._replace(borders=adaptive)
 
 
 def read_stored_request(text: str, path: str) -> MapRequest:

@@ -27,7 +27,6 @@ from rigidmc.runs.directory.resume import add_members, resume
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.studies.framework.sides import Whole
 from rigidmc.studies.stability_map.compute import (
-    MapRun,
     Progress,
     describe_map,
     finish_map,
@@ -38,6 +37,7 @@ from rigidmc.studies.stability_map.pixels import (
     ASKED,
     COMPUTED,
     COUNTS,
+    MapRun,
     PixelCollector,
     Pixels,
     measure_variables,
@@ -69,7 +69,7 @@ def create_map(
         request, about = map_run.request, {MAP: map_run.request.text()}
         if request.borders is None:
             return create(map_run.scene, path, size, only, threads, about, None, limit, device)
-        nothing = PixelCollector(request, map_run.measures).pixel_values()
+        nothing = PixelCollector(map_run).pixel_values()
         first = refine(request, nothing, BEGUN)
         shard = pixel_multiple(request) * request.replicas
         chosen = MemberSelection(pixel_members(request, first.wanted), shard, first.level)
@@ -185,8 +185,8 @@ def members_there(
     """Return the map of a run directory, and the values of its members from the finished shards."""
     request, run = request_of(directory), load_run(directory, allow_code)
     map_run = describe_map(request, run.scene, run.layout.by_member)
-    collected = PixelCollector(request, map_run.measures)
-    names = {name: map_run.known[name] for one in map_run.measures for name in one.names}
+    collected = PixelCollector(map_run)
+    names = {name: map_run.by_member[name] for one in map_run.measures for name in one.names}
     sizes = run.layout.axes.lengths(0)
     for i, shard in sorted(directory.shards().items()):
         members = np.asarray(directory.members(i))

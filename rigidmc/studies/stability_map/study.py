@@ -44,14 +44,14 @@ from rigidmc.studies.framework.options import Example, Options, Words, option
 from rigidmc.studies.framework.sides import SIDE, Side
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.framework.work import Work
-from rigidmc.studies.stability_map.compute import MapRun, prepare_map, replicas_of, run_map
+from rigidmc.studies.stability_map.compute import prepare_map, replicas_of, run_map
+from rigidmc.studies.stability_map.pixels import MapRun
 from rigidmc.studies.stability_map.question import (
     MOST_LAYERS,
     Borders,
     Resolution,
     columns_and_rows,
     make_request,
-    with_borders,
 )
 from rigidmc.studies.stability_map.stored import create_map, open_map
 
@@ -168,11 +168,9 @@ class Maps(Work):
         if members is None:
             members = replicas_of(scene, x, y)
         sizes = options.resolution, members, options.z, options.layers
-        more = {"scene": scene, "confidence": options.confidence}
-        request = make_request(x, y, options.of, *sizes, **more)
-        return prepare_map(
-            with_borders(request, options.adaptive), scene, save=settings.get("save", ())
-        )
+        more = {"confidence": options.confidence, "adaptive": options.adaptive}
+        request = make_request(x, y, options.of, *sizes, scene, **more)
+        return prepare_map(request, scene, save=settings.get("save", ()))
 
     def compute(
         self, map_run: MapRun, options: Any, threads: int | None, device: str | None, progress: Any
