@@ -20,8 +20,8 @@ from bench.problems import tops
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import SaveTarget, StepRange
 from rigidmc.engine.machine import threads_available
-from rigidmc.engine.program import Derivatives, Program
-from rigidmc.physics.effects.protocol import blank
+from rigidmc.engine.program_spec import Derivatives
+from rigidmc.runs.assemble import make_program
 
 # (integrator, effects) of a row: {(derivatives at once, passes): times a plain run that are asked}
 COSTS = {
@@ -77,11 +77,7 @@ def costs(name, kind, cases, rounds):
     plan, rows = run.plan, run.initial(0, MEMBERS)[0]
 
     def candidate(at_once, passes):
-        derivatives = Derivatives(at_once, passes, False, False)
-        program = Program(
-            plan.scheme, blank(plan.model.effects), tuple(plan.recording.recorded.values()), True,
-            limits=tuple(plan.limits), derivatives=derivatives,
-        )  # fmt: skip
+        program = make_program(plan, derivatives=Derivatives(at_once, passes, False, False))
         copies = program.copies
         out = np.empty(plan.grid.saves * plan.values * copies * MEMBERS)
         steps = StepRange(plan.grid.dt, 1, STEPS, STEPS, 0, 0, STEPS)

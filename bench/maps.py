@@ -84,8 +84,8 @@ def prices(processes):
     row.
     """
     script = (
-        "import json; from rigidmc.runs.price import watched_prices; "
-        "print(json.dumps(watched_prices(rounds=3)))"
+        "import json; from rigidmc.runs.price import monitored_prices; "
+        "print(json.dumps(monitored_prices(rounds=3)))"
     )
     measured = [
         json.loads(

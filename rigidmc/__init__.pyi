@@ -30,11 +30,11 @@ from rigidmc.physics.effects.damping import MatrixDamping as MatrixDamping
 from rigidmc.physics.effects.damping import QuadraticDrag as QuadraticDrag
 from rigidmc.physics.effects.damping import ViscousDamping as ViscousDamping
 from rigidmc.physics.effects.dissipation import EnergyDissipation as EnergyDissipation
+from rigidmc.physics.effects.dissipation import InternalDissipation as InternalDissipation
 from rigidmc.physics.effects.field import RotatingField as RotatingField
 from rigidmc.physics.effects.field import UniformField as UniformField
 from rigidmc.physics.effects.gravity import Gravity as Gravity
 from rigidmc.physics.effects.gravity_gradient import GravityGradient as GravityGradient
-from rigidmc.physics.effects.internal import InternalDissipation as InternalDissipation
 from rigidmc.physics.effects.pivot import MovingPivot as MovingPivot
 from rigidmc.physics.effects.potential import Potential as Potential
 from rigidmc.physics.effects.rotor import Rotor as Rotor

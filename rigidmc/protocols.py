@@ -39,9 +39,9 @@ from rigidmc.physics.dynamics.so3 import (
     select_all,
     sincos,
     spin,
+    symmetric_times,
     vertical,
 )
-from rigidmc.physics.effects.flows import symmetric_times
 from rigidmc.physics.effects.protocol import Effect, Number, Vector, effect
 from rigidmc.physics.effects.sums import state_rates
 from rigidmc.physics.integrators.protocol import Integrator

@@ -8,6 +8,7 @@ import numpy as np
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import StepRange
 from rigidmc.engine.program import NO_NOISE, Program
+from rigidmc.engine.program_spec import ProgramSpec
 from rigidmc.engine.threads import run_block
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.effects.protocol import blank, numbers, parameter_count
@@ -69,9 +70,8 @@ def advance(
     compensated=False,
 ):  # fmt: skip
     """Move blocks by `steps` steps h of a scheme on the threads of a pool, final state only."""
-    program = Program(
-        steps_form, blank(effects), (), attitude, compensated, dtype=dtype, limits=limits
-    )
+    spec = ProgramSpec(steps_form, blank(effects), (), attitude, compensated, dtype, limits)
+    program = Program(spec)
 
     def move(block):
         program.advance(block, StepRange(h, 1, steps, steps, 0, 0, steps))
@@ -82,7 +82,7 @@ def advance(
 
 def advance_own(parts, steps_form, effects, turn, t_end, pool, dtype="float64"):
     """Move blocks to t_end, each member in its own steps, as `simulate` plans and sorts them."""
-    program = Program(steps_form, blank(effects), dtype=dtype)
+    program = Program(ProgramSpec(steps_form, blank(effects), dtype=dtype))
 
     def move(block):
         block[layout.STEPS] = count_member_steps(rate_bounds(effects, block), t_end, turn)

@@ -112,9 +112,9 @@ def _integrators() -> Iterable[str]:
 
 
 def _observables() -> Iterable[str]:
-    from rigidmc.physics.observables import KNOWN
+    from rigidmc.physics.observables import saveable_names
 
-    return KNOWN
+    return saveable_names()
 
 
 _COMPLETED = {"integrator": make_completion(_integrators), "save": make_completion(_observables)}

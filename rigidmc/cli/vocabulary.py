@@ -149,22 +149,15 @@ def observables_command(
     measure: MeasureObservables = False,
 ) -> None:
     with report_errors():
-        from rigidmc.physics.observables import (
-            KNOWN,
-            OBSERVABLES,
-            WATCHED,
-            WATCHED_STATISTICS,
-            WITH_TABLE,
-        )
+        from rigidmc.physics.observables import OBSERVABLES, monitors, statistics
         from rigidmc.physics.observables.statistics import STATISTICS
 
         if name is not None:
-            running = {word: kind for word, (_, kind) in WATCHED_STATISTICS.items()}
-            kinds = {**OBSERVABLES, **WITH_TABLE, **WATCHED, **running}
+            kinds = {**OBSERVABLES, **{word: kind for word, (_, kind) in statistics().items()}}
             text = getattr(kinds.get(name), "__doc__", "")
-            _explain(name, KNOWN, "observable", text, _of_observable)
+            _explain(name, tuple(kinds), "observable", text, _of_observable)
             return
-        costs = _watching_costs() if measure else {}
+        costs = _monitoring_costs() if measure else {}
 
         def print_added(word: str) -> None:
             if word in next(iter(costs.values()), {}):
@@ -173,20 +166,19 @@ def observables_command(
 
         print("saved at the save times (save = [...]):")
         for word, kind in OBSERVABLES.items():
-            print(f"{word:12s} {with_units(_first_line(kind), kind.units)}")
-        for word, kind in WITH_TABLE.items():
-            parameters = ", ".join(_default(kind, f) for f in kind._fields)
-            print(f"{word:12s} {with_units(_first_line(kind), kind.units)}")
-            print(f"{'':12s} parameters, in a table [observables.{word}]: {parameters}")
+            if not kind.is_monitored:
+                print(f"{word:12s} {with_units(_first_line(kind), kind.units)}")
+                if parameters := _fields(kind):
+                    print(f"{'':12s} parameters, in a table [observables.{word}]: {parameters}")
         print("\nmonitored over all steps, one result per member (save = [...]; parameters in")
         print("a table [observables.NAME]):")
-        for word, kind in WATCHED.items():
-            parameters = ", ".join(_default(kind, f) for f in kind._fields) or "none"
+        for word, kind in monitors().items():
+            parameters = _fields(kind) or "none"
             results = ", ".join(kind.outputs) or "counts"
             print(f"{word:12s} {_first_line(kind)}")
             print(f"{'':12s} parameters: {parameters}; results: {results}")
             print_added(word)
-        able = [word for word in OBSERVABLES if f"{word}_mean" in WATCHED_STATISTICS]
+        able = list(dict.fromkeys(of for of, _ in statistics().values()))
         print(f"\nstatistics over all steps, for {', '.join(able)},")
         print("and for observables with parameters, such as pointing_angle_max:")
         for word, kind in STATISTICS.items():
@@ -195,11 +187,11 @@ def observables_command(
                 print_added(f"{observable}_{word}")
 
 
-def _watching_costs() -> dict[str, dict[str, float]]:
+def _monitoring_costs() -> dict[str, dict[str, float]]:
     """Return {scene: {observable: added time per step [ns]}}; print the cost of bare steps."""
-    from rigidmc.runs.price import watched_prices
+    from rigidmc.runs.price import monitored_prices
 
-    costs = watched_prices()
+    costs = monitored_prices()
     bare = ", ".join(f"{where} {each['']:.2f} ns" for where, each in costs.items())
     print(f"a step of rk4 with attitude on one thread: {bare}")
     return costs
@@ -207,41 +199,35 @@ def _watching_costs() -> dict[str, dict[str, float]]:
 
 def _of_observable(name: str) -> Facts:
     """Yield (label, fact) of an observable."""
-    from rigidmc.physics.observables import (
-        OBSERVABLES,
-        WATCHED,
-        WATCHED_STATISTICS,
-        WITH_TABLE,
-        outputs,
-    )
+    from rigidmc.physics.observables import OBSERVABLES, outputs, statistics
     from rigidmc.physics.observables.statistics import STATISTICS
 
-    if name in WITH_TABLE:
-        kind = WITH_TABLE[name]
-        fields = ", ".join(_default(kind, field) for field in kind._fields)
-        yield "in a scene", f'save = ["{name}"] with [observables.{name}] {fields}'
-        yield "over all steps", ", ".join(f"{name}_{word}" for word in STATISTICS)
-        yield "result", f"{with_units(name, kind.units)}{_by(kind.dims)}"
-    elif name in OBSERVABLES:
-        kind = OBSERVABLES[name]
-        over = (
-            ", ".join(word for word, (of, _) in WATCHED_STATISTICS.items() if of == name)
-            or "no statistics"
-        )
-        yield "in a scene", f'save = ["{name}"], at save times; over all steps: {over}'
-        yield "result", f"{with_units(kind.long_name, kind.units)}{_by(kind.dims)}"
-    elif name in WATCHED:
-        kind = WATCHED[name]
-        fields = ", ".join(_default(kind, field) for field in kind._fields)
+    if (kind := OBSERVABLES.get(name)) is not None:
+        fields = _fields(kind)
         table = f" with [observables.{name}] {fields}" if fields else ""
-        yield "in a scene", f'save = ["{name}"]{table}'
-        for variable, (units, _, dims) in kind.outputs.items():
-            yield "result", f"{with_units(variable, units)}{_by(dims)}"
+        if kind.is_monitored:
+            yield "in a scene", f'save = ["{name}"]{table}'
+            for variable, (units, _, dims) in kind.outputs.items():
+                yield "result", f"{with_units(variable, units)}{_by(dims)}"
+        elif fields:
+            yield "in a scene", f'save = ["{name}"]{table}'
+            yield "over all steps", ", ".join(f"{name}_{word}" for word in STATISTICS)
+            yield "result", f"{with_units(name, kind.units)}{_by(kind.dims)}"
+        else:
+            words = [word for word, (of, _) in statistics().items() if of == name]
+            over = ", ".join(words) or "no statistics"
+            yield "in a scene", f'save = ["{name}"], at save times; over all steps: {over}'
+            yield "result", f"{with_units(kind.long_name, kind.units)}{_by(kind.dims)}"
     else:
-        of, kind = WATCHED_STATISTICS[name]
+        of, kind = statistics()[name]
         yield "in a scene", f'save = ["{name}"], over all steps of {of}'
         for variable, (units, text, dims) in outputs(name, kind(OBSERVABLES[of]())).items():
             yield "result", f"{variable}: {with_units(text, units)}{_by(dims)}"
+
+
+def _fields(kind: Any) -> str:
+    """Return the parameters of an observable, with their defaults."""
+    return ", ".join(_default(kind, field) for field in kind._fields)
 
 
 def _default(kind: Any, field: str) -> str:

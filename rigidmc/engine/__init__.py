@@ -14,6 +14,7 @@ wasm       the same kernels as a module for a browser
 
 and these files:
 
+program_spec     ProgramSpec: the choices in a scene that decide its code
 program          Program: the compiled kernels of a scene and their working memory
 linked           the kernels of a program as one function without Python, for GPUs and browsers
 formulas         plain functions over arrays of millions of elements, compiled the same way

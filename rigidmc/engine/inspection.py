@@ -217,11 +217,11 @@ _why_scalar_parts: dict[Any, str] = {}  # by the types of the part and of the ef
 
 
 def scalar_parts(
-    integrator: Any, effects: Sequence[Any], watched: Iterable[Any]
+    integrator: Any, effects: Sequence[Any], monitored: Iterable[Any]
 ) -> list[tuple[str, str]]:
     """Return [(class, why)] of custom classes that prevent work on members side by side.
 
-    watched : observables, compiled events, running observables
+    monitored : observables, compiled events, running observables
 
     Raises SceneError for an integrator or an observable that cannot be compiled.
     """
@@ -231,7 +231,7 @@ def scalar_parts(
     reasons = [(type(effect).__name__, why_scalar(effect)) for effect in custom]
     parts = [
         ("run", integrator, _probe_integrator),
-        *(("observables", observable, _probe_observable) for observable in watched),
+        *(("observables", observable, _probe_observable) for observable in monitored),
     ]
     for at, part, probe in parts:
         for user_part in _user_parts(part):

@@ -24,37 +24,28 @@ from rigidmc.engine.compiler.kernels import (
 from rigidmc.engine.compiler.memory import allocate_aligned
 from rigidmc.engine.compiler.pipeline import LINE
 from rigidmc.engine.compiler.trees import tree_size
-from rigidmc.engine.inspection import scalar_parts
-from rigidmc.engine.kernel import last_interval, member, monitoring
-from rigidmc.engine.kernel.arguments import (  # fmt: skip
+from rigidmc.engine.kernel import last_interval, layout, member, monitoring
+from rigidmc.engine.kernel.arguments import (
     KernelShape,
     KernelTable,
     NoiseKeys,
     SaveTarget,
     StepRange,
     Workspace,
+    letters_of,
     record_type,
 )
 from rigidmc.engine.kernel.block import TRACE, advance
 from rigidmc.engine.kernel.events import TRIES, refine_event
 from rigidmc.engine.kernel.growth import begin_growth, record_growth
-from rigidmc.engine.kernel.layout import (
-    AXES_ROWS,
-    BODY,
-    BODY_AT,
-    LANES,
-    MEMBER_ROWS,
-    START,
-    map_rows,
-)
 from rigidmc.engine.kernel.march import march
 from rigidmc.engine.machine import vector_bits
-from rigidmc.physics.dynamics.methods import OFF, Flag, flag, implements, static_count
+from rigidmc.engine.program_spec import Derivatives, ProgramSpec
+from rigidmc.physics.dynamics.methods import flag, implements, static_count
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import takes_noise
 from rigidmc.physics.integrators.protocol import (
     changes_state_form,
-    has_extra_state,
     interleaving,
     stepping_form,
 )
@@ -62,141 +53,72 @@ from rigidmc.physics.observables.protocol import size
 from rigidmc.processes.threads import Late, is_late
 
 TRACE_ROWS = 7 * (TRACE + 1)  # the states before and after each of TRACE steps
-MARCH = "piswtikkuiii"  # the arguments of `march`, see `KernelKey`
 NO_NOISE = NoiseKeys(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), np.zeros(0, np.int64))
 NO_SAVES = SaveTarget(np.empty(0), 0, 0, np.empty(0, np.int64))
 CALL = 3_000_000  # member-steps per call: 10 to 60 ms at 50 to 300 M/s on two threads
 
 
-class Derivatives(NamedTuple):
-    """The derivatives that a block has besides its rows.
-
-    at_once : derivatives of each number that one pass through the steps computes, 0 for none
-    passes : passes; a block has rows for at_once * passes derivatives
-    of_body, of_effects : whether derivatives of bodies and of the parameters of effects may be
-        other than 0
-    """
-
-    at_once: int = 0
-    passes: int = 1
-    of_body: bool = True
-    of_effects: bool = True
-
-    def one_by_one(self) -> "Derivatives":
-        """Return the same derivatives, each in a pass of its own."""
-        if not self.at_once:
-            return self
-        return self._replace(at_once=1, passes=self.at_once * self.passes)
-
-
-NO_DERIVATIVES = Derivatives()
-
-
 class Program:
     """The compiled kernels of a scene.
 
-    scheme : a StepScheme, see `rigidmc.physics.integrators.protocol`
-    effects : blank effects
-    attitude : whether the attitude is integrated
-    compensated : whether sums keep their remainders
-    dtype : of the numbers in steps
-    limits : () if only non-finite members are flagged; else the largest drift of energy (relative
-        to the energies in play), of |L|^2 (relative to the start) and of L_z (relative to the
-        largest |L| that the energies allow), |omega| h [rad], and ||q|^2 - 1|; inf where a scene
-        has no such conservation law
-    works : () if no works are saved; else for each effect OFF if its energy accounts for its work,
-        ON if not, see `rigidmc.physics.effects.sums`
-    events, running, growth : monitored quantities: compiled events; pairs (running observable,
-        `static_count` of the numbers of its state); ON to record the growth of a tangent
     lanes : members worked on at the same time, by default as many as suit this CPU; 1 if a custom
         class runs on one member at a time only
     ask : compile nothing; `missing` then names the kernels to compile
-    nodes : monitored states per step, by dense output except for the last; 0 to monitor only the
-        states after steps
-    paired : whether a step uses the noise of two steps of half its length, to follow their path as
-        closely as possible; all members have the same steps
-    shortens : whether some steps have another length
-    axes : whether observables and events are of axes other than the principal axes, see
-        `rigidmc.physics.dynamics.body_axes`
-    derivatives : the derivatives that a block has
     meanwhile : called once this process has compiled its share, while another one may still compile
     """
 
     def __init__(
-        self, scheme: Any, effects: Sequence[Any], observables: Sequence[Any] = (),
-        attitude: bool = True, compensated: bool = False, dtype: DTypeLike = "float64",
-        limits: Sequence[float] = (), works: Sequence[Any] = (), events: Sequence[Any] = (),
-        running: Sequence[Any] = (), growth: Flag = OFF, lanes: int | None = None,
-        ask: bool = False, nodes: int = 0, paired: bool = False, shortens: bool = False,
-        axes: bool = False, derivatives: Derivatives = NO_DERIVATIVES,
+        self, spec: ProgramSpec, lanes: int | None = None, ask: bool = False,
         meanwhile: Callable[[], None] | None = None,
     ) -> None:  # fmt: skip
-        scheme, effects = (
-            scheme._replace(integrator=frozen(scheme.integrator)),
-            frozen(tuple(effects)),
-        )
-        observables, events, running = map(frozen, map(tuple, (observables, events, running)))
-        # An integrator with extra state compensates its rounding there.
-        compensated = compensated and not has_extra_state(scheme.integrator)
-        # ScaledRK4 keeps w in place of L, opened by row 0; with remainders it is RK4, which has no
-        # opening.
-        if compensated and implements(scheme.integrator, "with_compensation"):
-            scheme = scheme._replace(
-                integrator=frozen(scheme.integrator.with_compensation()),
-                substeps=scheme.substeps * (np.arange(len(scheme.substeps)) > 0)[:, None],
-            )
-        self.scheme, self.effects, self.dtype = scheme, effects, np.dtype(dtype).name
-        watches = *observables, *events, *(observable for observable, _ in running)
-        scalar = config.DISABLE_JIT or scalar_parts(scheme.integrator, effects, watches)
-        # A branch on a member's number compiles for one lane only: members then go one at a time.
+        self.spec = spec = spec.settled()
+        self.effects, self.dtype, derivatives = spec.effects, str(spec.dtype), spec.derivatives
         # With derivatives, a number and its derivatives fill the registers.
-        moves_tangents = bool(derivatives.at_once or growth)
-        by_default = max(1, lanes_for(dtype) // (1 + moves_tangents))
-        self.lanes = 1 if scalar else lanes or by_default
-        self.substeps = np.ascontiguousarray(scheme.substeps, dtype=float).ravel()
+        moves_tangents = bool(derivatives.at_once or spec.growth)
+        by_default = max(1, lanes_for(self.dtype) // (1 + moves_tangents))
+        self.lanes = 1 if spec.is_scalar() else lanes or by_default
+        self.substeps = np.ascontiguousarray(spec.scheme.substeps, dtype=float).ravel()
 
-        marks = [len(m) for _, m in running]
-        rows = map_rows(tree_size(effects), len(works), len(events), marks, bool(growth), axes)
+        marks, works = [len(m) for _, m in spec.running], len(spec.works)
+        growth, events = len(spec.growth), len(spec.events)
+        parameters = tree_size(spec.effects)
+        rows = layout.map_rows(parameters, works, events, marks, bool(growth), spec.axes)
         self.rows = rows.end
-        random = any(map(takes_noise, effects))
-        self.paired, self.deferred = flag(paired), flag(nodes == 1 and all_merge(running))
+        self.deferred = flag(spec.nodes == 1 and all_merge(spec.running))
         self.kept = TRACE * sum(marks) if self.deferred else 0
         self.tangents = self._tangents(derivatives)
         # along the steps, with the tangent that grows, which is the last one
         self.moving = NO_TANGENTS
         if moves_tangents:
             self.moving = self.tangents._replace(
-                of_each=derivatives.at_once + len(growth),
+                of_each=derivatives.at_once + growth,
                 in_state=_rounded_up(self.row_counts(rows.end)["state"]),
             )
+        random, integrator = any(map(takes_noise, spec.effects)), spec.scheme.integrator
         self.shape = KernelShape(
             lanes=self.lanes,
-            values=sum(size(o.dims, len(works)) for o in observables),
+            values=sum(size(o.dims, works) for o in spec.observables),
             work_row=rows.in_state(rows.works),
-            works=len(works),
-            monitor_row=MEMBER_ROWS + rows.events,
-            axes_row=MEMBER_ROWS + rows.axes,
-            growth_row=MEMBER_ROWS + rows.growth,
+            works=works,
+            monitor_row=layout.MEMBER_ROWS + rows.events,
+            axes_row=layout.MEMBER_ROWS + rows.axes,
+            growth_row=layout.MEMBER_ROWS + rows.growth,
             # monitors compute in float64: one register per number
-            monitors=max(1, 64 * self.lanes // vector_bits()) if events or running else 0,
-            nodes=nodes,
-            growth=len(growth),
-            records=2 * len(events),
+            monitors=max(1, 64 * self.lanes // vector_bits()) if spec.is_monitored else 0,
+            nodes=spec.nodes,
+            growth=growth,
+            records=2 * events,
             tries=0 if random else TRIES,
             is_random=int(random),
-            changes_length=int(shortens and changes_state_form(scheme.integrator)),
-            reweighs=int(shortens and bool(running)),
+            changes_length=int(spec.shortens and changes_state_form(integrator)),
+            reweighs=int(spec.shortens and bool(spec.running)),
             tangents=self.tangents.of_each,
             passes=derivatives.passes,
             tangents_in_state=self.moving.in_state,
             tangents_in_work=self.moving.in_work,
             parking=TRACE_ROWS + self.moving.of_each * self.moving.in_trace,
         )
-        kept = flag(attitude), flag(compensated)
-        self.kernel_keys = self._make_keys(
-            kept, observables, tuple(limits), works, events, running, growth,
-            static_count(AXES_ROWS * axes),
-        )  # fmt: skip
+        self.kernel_keys = self._make_keys()
         if not ask:
             self._compile(meanwhile)
 
@@ -209,61 +131,53 @@ class Program:
         body, effects = derivatives.of_body, derivatives.of_effects
         return Tangents(derivatives.at_once, **apart, of_body=body, of_effects=effects)
 
-    def _make_keys(
-        self, flags: tuple[Any, Any], observables: Any, limits: Any, works: Any, events: Any,
-        running: Any, growth: Any, axes: Any,
-    ) -> dict[str, KernelKey | None]:  # fmt: skip
-        """Return {name: KernelKey} of all kernels, None for unused ones.
+    def _make_keys(self) -> dict[str, KernelKey | None]:
+        """Return {name: KernelKey} of all kernels, None for unused ones."""
+        spec, shape, dual, moving = self.spec, self.shape, self.tangents, self.moving
+        (integrator, substeps, _), effects = spec.scheme, spec.effects
+        events, running, works, limits = spec.events, spec.running, spec.works, spec.limits
+        attitude, compensated = flag(spec.attitude), flag(spec.compensated)
+        groups = 1 if moving.of_each else min(self.lanes, interleaving(integrator))
+        form, axes = frozen(stepping_form(integrator)), static_count(layout.AXES_ROWS * spec.axes)
+        growing = NO_TANGENTS._replace(of_each=1, in_state=moving.of_each * moving.in_state)
 
-        flags : flags of attitude and of compensated sums
-        """
-        integrator, effects, shape = self.scheme.integrator, self.effects, self.shape
-        several_groups = min(self.lanes, interleaving(integrator))
-        groups = static_count(1 if self.moving.of_each else several_groups)
-        several, count = flag(len(self.scheme.substeps) > 2), static_count(len(works))
-        stepped = (integrator, effects, *flags, count, groups, several, self.paired)
-        form, dense = frozen(stepping_form(integrator)), static_count(min(shape.nodes, 2))
+        def key(kernel: Any, parts: Any, tangents: Any = dual) -> KernelKey:
+            letters = letters_of(kernel)
+            return KernelKey(kernel, parts, self.dtype, self.lanes, letters, tangents=tangents)
 
-        def key(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
-            return KernelKey(function, parts, self.dtype, self.lanes, arguments) if wanted else None
-
-        def dual(
-            wanted: Any, function: Any, parts: Any, arguments: str, tangents: Any = self.tangents
-        ) -> Any:
-            """Return the KernelKey of a kernel that takes derivatives along."""
-            plain = key(wanted, function, parts, arguments)
-            return plain and plain._replace(tangents=tangents)
-
-        last_one = self.moving.of_each * self.moving.in_state
-        growing = NO_TANGENTS._replace(of_each=1, in_state=last_one)
-
-        is_monitored = events or running
-        stops = form, effects, events, axes, flag(self.tangents.of_each > 0)
-        registers = static_count(shape.monitors)
-        steps = form, effects, events, running, dense, axes, self.deferred, registers
-        last = form, effects, flags[1], works
-        table = KernelTable(
-            gather=key(True, member.gather, (), "piiiiffsw"),
-            scatter=key(True, member.scatter, (), "piiiiiisw"),
-            initialise=dual(True, member.initialise, (form, effects, limits, works), "psw"),
-            march=dual(True, march, stepped, MARCH, self.moving),
-            assess=dual(True, member.assess, (form, effects, *flags, limits, works), "pswffff"),
-            record=dual(
-                observables, member.record, (observables, effects, works, axes), "wipiifiii"
-            ),
-            begin_monitors=dual(
-                is_monitored, monitoring.begin_monitors, (effects, events, running, axes), "pswii"
-            ),
-            monitor_steps=dual(is_monitored, monitoring.monitor_steps, steps, "pswtdiiiiii"),
-            refine_event=dual(events, refine_event, stops, "pwswiiiiff"),
-            begin_growth=dual(growth, begin_growth, (form, effects), "pswif", growing),
-            record_growth=dual(growth, record_growth, (form, effects), "pswiff", growing),
-            change_length=dual(
-                shape.changes_length, last_interval.change_length, last, "pswffffi", self.moving
-            ),
-            reweigh=dual(shape.reweighs, last_interval.reweigh, (events, running), "wif"),
-        )
-        return {**table._asdict(), "advance": advance_key(self.dtype)}
+        assessed = form, effects, attitude, compensated, limits, works
+        stepped = (
+            integrator, effects, attitude, compensated, static_count(len(works)),
+            static_count(groups), flag(len(substeps) > 2), flag(spec.paired),
+        )  # fmt: skip
+        table = {
+            "gather": key(member.gather, (), NO_TANGENTS),
+            "scatter": key(member.scatter, (), NO_TANGENTS),
+            "initialise": key(member.initialise, (form, effects, limits, works)),
+            "march": key(march, stepped, moving),
+            "assess": key(member.assess, assessed),
+        }
+        if spec.observables:
+            table["record"] = key(member.record, (spec.observables, effects, works, axes))
+        if spec.is_monitored:
+            begun = effects, events, running, axes
+            table["begin_monitors"] = key(monitoring.begin_monitors, begun)
+            dense, registers = static_count(min(shape.nodes, 2)), static_count(shape.monitors)
+            steps = form, effects, events, running, dense, axes, self.deferred, registers
+            table["monitor_steps"] = key(monitoring.monitor_steps, steps)
+        if events:
+            differentiated = flag(dual.of_each > 0)
+            table["refine_event"] = key(refine_event, (form, effects, events, axes, differentiated))
+        if spec.growth:
+            table["begin_growth"] = key(begin_growth, (form, effects), growing)
+            table["record_growth"] = key(record_growth, (form, effects), growing)
+        if shape.changes_length:
+            changed = form, effects, compensated, works
+            table["change_length"] = key(last_interval.change_length, changed, moving)
+        if shape.reweighs:
+            table["reweigh"] = key(last_interval.reweigh, (events, running))
+        each = {name: table.get(name) for name in KernelTable._fields}
+        return {**each, "advance": advance_key(self.dtype)}
 
     def _compile(self, meanwhile: Callable[[], None] | None = None) -> None:
         """Take the kernels from memory, and compile the missing ones."""
@@ -310,7 +224,8 @@ class Program:
     @property
     def label(self) -> str:
         """Display name: integrator and effects."""
-        integrator = self.scheme.name or type(self.scheme.integrator).__name__
+        scheme = self.spec.scheme
+        integrator = scheme.name or type(scheme.integrator).__name__
         words = [integrator, *(label for label, _ in label_effects(self.effects))]
         return " + ".join(words) + " in float32" * (self.dtype == "float32")
 
@@ -340,7 +255,11 @@ class Program:
         return "one thread", f"{threads} threads"
 
     def through(
-        self, block: NDArray[np.float64], steps: StepRange, noise: NoiseKeys, saves: SaveTarget
+        self,
+        block: NDArray[np.float64],
+        steps: StepRange,
+        noise: NoiseKeys,
+        saves: SaveTarget,
     ) -> Generator[int, bool | None, None]:
         """Run `advance` by calls of at most 60 ms; yield the step after each of them.
 
@@ -348,7 +267,7 @@ class Program:
         call to the block, from which other calls may continue at that step.
         """
         # A step of n substeps takes n times as long.
-        longest = max(1, CALL // (max(1, block.shape[1]) * (len(self.scheme.substeps) - 1)))
+        longest = max(1, CALL // (max(1, block.shape[1]) * (len(self.spec.scheme.substeps) - 1)))
         first = steps.first
         while first < steps.last:
             last = min(steps.last, steps.whole(first + longest))
@@ -386,8 +305,8 @@ class Program:
         """Return {name: rows} of the memory with rows that may have derivatives; rows : of a
         block."""
         return {
-            "state": BODY_AT + rows - BODY,
-            "work": MEMBER_ROWS + rows,
+            "state": layout.BODY_AT + rows - layout.BODY,
+            "work": layout.MEMBER_ROWS + rows,
             "trace": TRACE_ROWS,
             "kept": max(1, self.kept),
         }
@@ -401,12 +320,12 @@ class Program:
         state, work, trace, kept = (
             counts[name] + count * getattr(self.moving, f"in_{name}") for name in counts
         )
-        parked = (1 + count) * (START + self.shape.works)
+        parked = (1 + count) * (layout.START + self.shape.works)
         return {
             "state": (state, self.dtype),
             "spare_state": (state, self.dtype),
             "work": (work, float),
-            "spare_work": (MEMBER_ROWS + count * self.moving.in_work, float),
+            "spare_work": (layout.MEMBER_ROWS + count * self.moving.in_work, float),
             "trace": (trace + parked, self.dtype),
             "kept": (kept, float),
             "saved": (max(1, self.shape.values * (1 + self.shape.tangents)), float),
@@ -452,4 +371,4 @@ def fill_record(frame: Any, *groups: NamedTuple) -> Any:
 def lanes_for(dtype: DTypeLike) -> int:
     """Return how many members are worked on at the same time; no result depends on it."""
     # Two registers per number: while one waits for a result, the CPU works on the other.
-    return min(LANES, 2 * vector_bits() // (8 * np.dtype(dtype).itemsize))
+    return min(layout.LANES, 2 * vector_bits() // (8 * np.dtype(dtype).itemsize))

@@ -19,7 +19,7 @@ from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.physics.effects.pivot import MovingPivot
 from rigidmc.physics.effects.protocol import blank, facts, from_numbers, shape
-from rigidmc.physics.observables import KNOWN, label_observables, word_of_observable
+from rigidmc.physics.observables import is_own, label_observables
 from rigidmc.physics.observables.protocol import is_attitude, is_body_vector
 from rigidmc.planning.model_notes import (
     CURE,
@@ -132,10 +132,10 @@ def _filled(effects: Sequence[Any], seed: int) -> Effects:
 
 def _one_at_a_time(plan: Plan, effects: Sequence[Any]) -> Iterator[str]:
     events, running, _ = plan.monitors.compiled
-    watches = *plan.recording.recorded.values(), *events, *(one for one, _ in running)
+    observed = *plan.recording.recorded.values(), *events, *(one for one, _ in running)
     if plan.scheme is None:
         return
-    for name, why in scalar_parts(plan.scheme.integrator, blank(effects), watches):
+    for name, why in scalar_parts(plan.scheme.integrator, blank(effects), observed):
         slower = "members are not vectorized, and the step is much slower than it could be"
         yield f"{name} {why}: {slower}"
 
@@ -200,7 +200,7 @@ def _not_turned(body: Body, effects: Effects, plan: Plan) -> Iterator[str]:
     if body.frame == "principal":
         return
     for label, one in label_observables(plan.recording.observables):
-        if word_of_observable(one) in KNOWN or hasattr(one, "in_body") or _turns_itself(type(one)):
+        if not is_own(one) or hasattr(one, "in_body") or _turns_itself(type(one)):
             continue
         turns = bool(is_body_vector(one) or is_attitude(one))
         if (used := _states_used(type(one))) and turns:

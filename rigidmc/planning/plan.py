@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.compiler.memory import allocate_block
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.layout import RowMap
-from rigidmc.engine.program import NO_DERIVATIVES, Derivatives
+from rigidmc.engine.program_spec import NO_DERIVATIVES, Derivatives
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.methods import Flag, implements
 from rigidmc.physics.effects import label_effects
@@ -251,8 +251,8 @@ def make_plan(
     for name, time in switching_parameters(effects)[:1]:
         _refuse_counts(monitors, name, time, "is a switching time")
     conserved = conservation(effects, recording.has_work)
-    watches = bool(recording.recorded or monitors.events or monitors.running)
-    has_axes = model.body.is_turned and model.body.frame == "described" and watches
+    has_observables = bool(recording.recorded or monitors.events or monitors.running)
+    has_axes = model.body.is_turned and model.body.frame == "described" and has_observables
     # without the attitude, L_z is not monitored
     bounded = conserved if monitors.has_attitude else {**conserved, "lz": "no"}
     return Plan(

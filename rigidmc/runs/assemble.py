@@ -9,7 +9,8 @@ from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.engine.cuda.devices import device_number, is_gpu
 from rigidmc.engine.inspection import compilation_error, refuse_uncompilable
 from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
-from rigidmc.engine.program import Derivatives, Program
+from rigidmc.engine.program import Program
+from rigidmc.engine.program_spec import Derivatives, ProgramSpec
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators.protocol import Integrator
 from rigidmc.physics.observables.saving import thinned_indices
@@ -96,7 +97,6 @@ def make_program(
     effects, derivatives = plan.model.effects, derivatives or derivatives_on(device, plan)
     try:
         refuse_uncompilable(effects)
-        events, running, growth = plan.monitors.compiled
         kind: Any = Program
         if is_gpu(device):
             from rigidmc.engine.cuda.program import CudaProgram
@@ -106,26 +106,14 @@ def make_program(
             from rigidmc.engine.wasm.program import WasmProgram
 
             kind = WasmProgram
-        found: Program = kind(
-            plan.scheme,
-            blank(effects),
-            tuple(plan.recording.recorded.values()),
-            plan.has_attitude,
-            plan.compensated,
-            plan.dtype,
-            tuple(plan.limits),
-            plan.works,
-            events,
-            running,
-            growth,
-            ask=not compiled,
-            nodes=plan.nodes,
-            paired=plan.paired,
-            shortens=plan.grid.is_shortened or plan.has_switches,
-            axes=plan.has_axes,
-            derivatives=derivatives,
-            meanwhile=_import_xarray,
-        )
+        events, running, growth = plan.monitors.compiled
+        spec = ProgramSpec(
+            plan.scheme, blank(effects), tuple(plan.recording.recorded.values()),
+            plan.has_attitude, plan.compensated, plan.dtype, plan.limits, plan.works, events,
+            running, growth, plan.nodes, plan.paired,
+            plan.grid.is_shortened or plan.has_switches, plan.has_axes, derivatives,
+        )  # fmt: skip
+        found: Program = kind(spec, ask=not compiled, meanwhile=_import_xarray)
         return found
     except NumbaError as error:
         raise compilation_error(error, effects, plan.recording.observables) from error

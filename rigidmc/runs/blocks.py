@@ -320,13 +320,13 @@ def _stopped(plan: Plan, rows: Array) -> NDArray[np.bool_]:
 def _rates(plan: Plan, rows: Array) -> tuple[Array, Array, Array]:
     """Return (rates of the saved values, running states that would begin at the end, their rates),
     each with the members last."""
-    effects, places, count = plan.model.effects, plan.places, rows.shape[1]
+    effects, places = plan.model.effects, plan.places
     state, l = rows[: layout.EXTRA], rows[layout.MOMENTUM : layout.EXTRA]
-    work = np.concatenate([np.zeros((layout.MEMBER_ROWS, count)), rows[: places.end]])
     with np.errstate(all="ignore"):
         kinetic = kinetic_energy(physics(effects, rows)[0], l)
-        largest = largest_kinetic_energy(has_untracked(plan.works), work, 6, kinetic)
-        start = start_values(work, (), (), largest, dot(l, l))
+        untracked = has_untracked(plan.works)
+        largest = largest_kinetic_energy(untracked, rows, layout.PLANNED_KINETIC, kinetic)
+        start = start_values(rows, (), (), largest, dot(l, l))
         axes = with_axes(_BODY, tuple(rows[places.axes : places.end])).axes
     fixed = (
         tuple(plan.recording.recorded.values()),

@@ -18,7 +18,8 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import StepRange
 from rigidmc.engine.kernel.layout import LANES
 from rigidmc.engine.machine import threads_available
-from rigidmc.engine.program import NO_DERIVATIVES, NO_SAVES
+from rigidmc.engine.program import NO_SAVES
+from rigidmc.engine.program_spec import NO_DERIVATIVES
 from rigidmc.files.outputs import folder_beside
 from rigidmc.inputs.amounts import count_text, two_digits
 from rigidmc.physics.effects import EFFECTS, label_effects
@@ -357,7 +358,7 @@ def observable_prices(
     return {"": bare} | {label: float(np.median(t)) - bare for label, t in taken.items() if label}
 
 
-def watched_prices(rounds: int = 5) -> dict[str, dict[str, float]]:
+def monitored_prices(rounds: int = 5) -> dict[str, dict[str, float]]:
     """Measure {"free" | "heavy": `observable_prices`} of all monitors, for a body that nearly spins
     about its middle axis."""
     body = Body.from_moments((1.0, 2.0, 3.0), mass=1.0, centre=(0.0, 0.0, 0.3))

@@ -14,7 +14,7 @@ from rigidmc.files.opening import is_zarr
 from rigidmc.files.outputs import Path, refuse_existing
 from rigidmc.files.stores import is_folder
 from rigidmc.inputs.amounts import count_text, read_count
-from rigidmc.physics.observables import OBSERVABLES, OUTCOMES, outputs, own
+from rigidmc.physics.observables import OUTCOMES, bare_observables, outputs, own
 from rigidmc.physics.observables.saving import summaries
 from rigidmc.planning.saves import first_and_last, settle_saves
 from rigidmc.planning.steps import make_time_grid
@@ -214,8 +214,9 @@ def _everything(scene: Scene) -> tuple[str, ...]:
     more = dict.fromkeys(
         (*own(scene.observables), *scene.run.save, *summaries(scene.recording.retained))
     )
-    over = (name for name in more if name not in OBSERVABLES)
-    return (*(name for name in OBSERVABLES if name != "work" or "work" in scene.run.save), *over)
+    bare = bare_observables()
+    over = (name for name in more if name not in bare)
+    return (*(name for name in bare if name != "work" or "work" in scene.run.save), *over)
 
 
 class Pair(NamedTuple):

@@ -64,7 +64,7 @@ def drift_laws(
             most = rows[layout.DRIFT + i]
             if i == 0:
                 # relative to the energies involved, not to the initial energy, which may be near 0
-                most = most * (rows[layout.START + 1] / rows[layout.START + 3])
+                most = most * (rows[layout.ENERGY_SCALE] / rows[layout.ENERGY_IN_PLAY])
             small = most <= floor
             rounds &= small
             if not returns:

@@ -16,7 +16,7 @@ from rigidmc.physics.dynamics.methods import word_of
 from rigidmc.physics.effects import EFFECTS, canonical
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.protocol import Integrator
-from rigidmc.physics.observables import OBSERVABLES, is_observable, is_own, word_of_observable
+from rigidmc.physics.observables import bare_observables, is_observable, is_own, word_of_observable
 from rigidmc.physics.observables.histogram import Histogram
 from rigidmc.physics.observables.saving import check_keep
 from rigidmc.scene.body import Body
@@ -344,8 +344,8 @@ class Scene:
             for one in (save := (save,) if is_observable(save) else tuple(save)):
                 # tuples of different classes are equal if their numbers are
                 same = any(type(one) is type(other) and one == other for other in observables)
-                named_alone = isinstance(one, str) or type(one) in OBSERVABLES.values()
-                observables += () if named_alone or same else (one,)
+                bare = type(one) in bare_observables().values()
+                observables += () if isinstance(one, str) or bare or same else (one,)
             words = (one if isinstance(one, str) else word_of_observable(one) for one in save)
             given["save"] = tuple(dict.fromkeys(words))
         scene = self

@@ -24,7 +24,7 @@ from rigidmc.inputs.units import (
     units_text,
 )
 from rigidmc.physics.effects.protocol import Effect, facts, shape
-from rigidmc.physics.observables import OBSERVABLES
+from rigidmc.physics.observables import bare_observables
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Grid
 
@@ -247,7 +247,7 @@ def observable_in_si(observable: Any, word: str) -> Any:
     shipped = "1" if type(observable).__module__.startswith("rigidmc.") else None
     units: Mapping[str, str] = getattr(observable, "parameter_units", {})
     if word == "histogram":
-        of = OBSERVABLES.get(str(observable.of).split("[")[0])
+        of = bare_observables().get(str(observable.of).split("[")[0])
         shipped = None if of is None else shipped
         units = {} if of is None else dict.fromkeys(("low", "high"), of.units)
     changed = {}

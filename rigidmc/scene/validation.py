@@ -16,10 +16,8 @@ from rigidmc.physics.effects import EFFECTS, name_of
 from rigidmc.physics.effects.protocol import Effect, facts, shape
 from rigidmc.physics.integrators.protocol import Integrator
 from rigidmc.physics.observables import (
-    KNOWN,
     OBSERVABLES,
-    WATCHED,
-    WITH_TABLE,
+    bare_observables,
     find_observable,
     is_observable,
     is_opaque,
@@ -93,20 +91,20 @@ def _one_number(effect: Any, name: str, value: Any) -> str:
 
 
 def observable_order(observable: Any) -> int:
-    """Return the position of an observable in KNOWN; custom observables come last."""
-    word = word_of_observable(observable)
-    return KNOWN.index(word) if word in KNOWN else len(KNOWN)
+    """Return the position of an observable among the shipped ones; custom observables come last."""
+    names = [*OBSERVABLES, word_of_observable(observable)]
+    return names.index(names[-1])
 
 
 def check_observable(observable: Any) -> Monitored | Observable:
     """Return an observable with checked parameters; SceneError."""
-    if not is_observable(observable) or type(observable) in OBSERVABLES.values():
-        kinds = (*WITH_TABLE.values(), *WATCHED.values())
-        shipped = ", ".join(kind.__name__ for kind in kinds)
+    bare = bare_observables().values()
+    if not is_observable(observable) or type(observable) in bare:
+        shipped = ", ".join(kind.__name__ for kind in OBSERVABLES.values() if kind not in bare)
         rule = f"expected one of {shipped}, or a custom observable, with its parameters"
         raise SceneError(rule, at="observables.observable", value=observable)
     word = word_of_observable(observable)
-    if is_own(observable) and word in KNOWN:
+    if is_own(observable) and word in saveable_names():
         rule = f"'{word}' is an observable of the package: give the class another name"
         raise PartError.of(observable, rule, "observables")
     observable = observable_in_si(observable, word)
@@ -136,7 +134,7 @@ def check_saved_names(names: Iterable[str], observables: Sequence[Any]) -> None:
             if reason := why_not_saved(name, observables):
                 raise SceneError(reason, at="run.save", value=name)
             raise unknown("observable", names_known, at="run.save", value=name)
-        shipped = {**WITH_TABLE, **WATCHED}.get(name)
+        shipped = OBSERVABLES.get(name)
         if shipped is not None and name not in given:
             missing = [f for f in shipped._fields if f not in shipped._field_defaults]
             if missing:
@@ -158,7 +156,7 @@ def check_histogram(one: Histogram, given: Sequence[Any]) -> None:
     at = "observables.histogram.of"
     if any(is_opaque(x) and word_of_observable(x) == one.name for x in given):
         return
-    known = [name for name in (*OBSERVABLES, *own(given)) if name != "work"]
+    known = [name for name in (*bare_observables(), *own(given)) if name != "work"]
     if one.name not in known:
         raise unknown("observable", known, at=at, value=one.name)
     count = size(find_observable(given, one.name).dims)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, nearest
 from rigidmc.files.reading import toml
 from rigidmc.physics.dynamics.methods import argument_names
-from rigidmc.physics.observables import OBSERVABLES, own
+from rigidmc.physics.observables import bare_observables, own
 from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.scene.recording import Recording
 from rigidmc.scene.sampling import is_sample_of
@@ -144,7 +144,7 @@ def component_of(recording: Recording, text: str, key: str) -> StateComponent:
     if match is None:
         raise OptionError("expected an observable: NAME or NAME[3]", at=key, value=text)
     name, component = match["name"], match["component"]
-    names = dict.fromkeys((*OBSERVABLES, *own(recording.observables), *recording.recorded))
+    names = dict.fromkeys((*bare_observables(), *own(recording.observables), *recording.recorded))
     of_state = [word for word in names if of_the_state(recording, word)]
     if name not in of_state:
         rule = f"no such observable of the state at save times; known: {', '.join(of_state)}"

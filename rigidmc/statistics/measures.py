@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, nearest
-from rigidmc.physics.observables import WATCHED, WATCHED_STATISTICS, statistics, word_of_observable
+from rigidmc.physics.observables import monitors, statistics, word_of_observable
 from rigidmc.physics.observables.saving import FOLLOWED, is_event_time, owners_of_variables
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.units import in_si
@@ -251,7 +251,7 @@ def save_for_measures(scene: Scene, texts: Iterable[str]) -> Scene:
     Only observables without required parameters are added.
     """
     observable = {name: name for name in statistics(scene.observables)}
-    for name, kind in WATCHED.items():
+    for name, kind in monitors().items():
         if len(kind._field_defaults) == len(kind._fields):
             observable |= dict.fromkeys(kind.outputs, name)
     words = [word for text in texts for word in re.findall(r"[A-Za-z_]\w*", text)]
@@ -345,7 +345,7 @@ def _dims(text: str, name: str, variables: Variables, may_save_more: bool) -> tu
         return able[name]
     names = [n for n in able if not n.startswith(("start_", "status"))]
     owned = [variable for variable, owner in owners_of_variables().items() if owner == name]
-    owned = owned or [n for n in WATCHED_STATISTICS if n.rpartition("_")[0] == name]
+    owned = owned or [n for n in statistics() if n.rpartition("_")[0] == name]
     if owned and name not in owned:
         rule = f"{name} is an observable: use one of its variables, {', '.join(owned)}"
         raise OptionError(rule, at="measure", value=text)
@@ -353,9 +353,9 @@ def _dims(text: str, name: str, variables: Variables, may_save_more: bool) -> tu
         rule = f"no such variable with one value per member; known: {', '.join(names)}"
         more = f"{rule}; `rigidmc run SCENE --save NAME` saves more"
         raise OptionError(more, at="measure", value=text, nearest=nearest(name, names))
-    free = [k for k in WATCHED.values() if not k._fields or k._field_defaults]
+    free = [k for k in monitors().values() if not k._fields or k._field_defaults]
     names += [n for kind in free for n in kind.outputs]
-    names = list(dict.fromkeys([*names, *WATCHED_STATISTICS]))
+    names = list(dict.fromkeys([*names, *statistics()]))
     rule = (
         f"no such variable with one value per member; known: {', '.join(names)};"
         " passages in a scene with [observables.passage]"

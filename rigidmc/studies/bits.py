@@ -98,10 +98,10 @@ def _motions() -> dict[str, Scene]:
         SpaceTorque((0.0, 0.2, 0.1)),
         RotatingField((0.1, 0.0, 0.2), (0.3, 0.0, 0.1), 1.5),
     )
-    watched = Passage(3, 0.6, "leaves"), "nutation", "energy_mean"
+    monitored = Passage(3, 0.6, "leaves"), "nutation", "energy_mean"
     scenes: dict[str, tuple[Any, Start, tuple[Any, ...]]] = {
         "free": ((), free, (Flips(2), "omega_max")),
-        "heavy": ((Gravity(9.81),), heavy, watched),
+        "heavy": ((Gravity(9.81),), heavy, monitored),
         "driven": (pulls, driven, ("omega_max",)),
         "in a bath": ((Gravity(1.0), Bath(0.5, uniform(0.5, 1.0))), bathed, ("energy_variance",)),
     }

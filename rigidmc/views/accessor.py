@@ -83,9 +83,9 @@ class Rigid(ResultStates):
     def __getattr__(self, name: str) -> Any:
         rule = f"ds.rigid has no '{name}'"
         if not name.startswith("_"):  # copies look for their own methods before there is a Dataset
-            from rigidmc.physics.observables import KNOWN
+            from rigidmc.physics.observables import saveable_names
 
-            saves = [word for word in KNOWN if f"{name}_".startswith(f"{word}_")]
+            saves = [word for word in saveable_names() if f"{name}_".startswith(f"{word}_")]
             close = nearest(name, [word for word in dir(self) if not word.startswith("_")])
             if name in self._dataset:
                 rule += f"; it is a variable of the result: ds.{name}"

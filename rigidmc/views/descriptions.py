@@ -232,18 +232,18 @@ def _cost(run: PreparedRun, threads: int, device: str) -> list[str]:
     works, quiet, effects = recorded.has_work, cost, plan.model.effects
     if plan.monitors.rows or works:
         quiet = cost_per_step(some_of(run, range(len(effects))), device)
-    watched = [
+    monitored = [
         label for label, kind in recorded.monitored if not isinstance(kind, EnsembleObservable)
     ]
-    if watched:
+    if monitored:
         more = " and the ledger of work" if works else ""
-        names = ", ".join(watched)
+        names = ", ".join(monitored)
         lines.append(f"monitored    {names}{more}: {cost - quiet:.2f} ns of this cost")
     if effects:
         free, none, added, noise, predicted = prices(run)
         each = "".join(f", {label} {operations}" for label, operations in added.items())
         each += f", noise {noise:.2f} ns" if noise else ""
-        each += f", ledger of work {cost - quiet:.2f} ns" if works and not watched else ""
+        each += f", ledger of work {cost - quiet:.2f} ns" if works and not monitored else ""
         lines.append(
             f"price        {free:.2f} ns without effects ({none}){each}:"
             f" {predicted:.2f} ns predicted, measured {quiet / predicted:.2f} times that"

@@ -11,7 +11,7 @@ import rigidmc as rm
 from rigidmc.inputs.amounts import read_count, read_count_text, read_seconds
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.physics.observables import KNOWN
+from rigidmc.physics.observables import saveable_names
 from rigidmc.scene.library import shipped_names
 from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.settings import Run, idle
@@ -420,7 +420,7 @@ def test_every_name_is_explained():
     traceback."""
     words = [("effects", name) for name in EFFECTS]
     words += [("integrators", name) for name in INTEGRATORS]
-    words += [("observables", name) for name in KNOWN]
+    words += [("observables", name) for name in saveable_names()]
     for command, name in words:
         made = invoke(command, name)
         assert made.exit_code == 0 and "in a scene" in made.stdout, (name, made.exception)

@@ -42,7 +42,7 @@ from rigidmc.engine.cuda import devices as cuda_device
 from rigidmc.engine.cuda import program as cuda
 from rigidmc.engine.cuda import ptx as ptx_code
 from rigidmc.engine.cuda.devices import resolve_device
-from rigidmc.engine.program import NO_DERIVATIVES
+from rigidmc.engine.program_spec import NO_DERIVATIVES
 from rigidmc.errors import NoRoom
 from rigidmc.files.outputs import content_of
 from rigidmc.physics.integrators import INTEGRATORS

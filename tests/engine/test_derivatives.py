@@ -10,12 +10,13 @@ from rigidmc.engine.compiler.trees import tree_unflatten
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import SaveTarget, StepRange
 from rigidmc.engine.kernel.layout import opening_substep
-from rigidmc.engine.program import Derivatives, Program
+from rigidmc.engine.program_spec import Derivatives
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.protocol import from_stepping, precompute, step, to_stepping
 from rigidmc.planning.initial import noise_keys
+from rigidmc.runs.assemble import make_program
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 MEMBERS, STEPS, H = 32, 100, 0.01
@@ -53,7 +54,7 @@ def moved(run, change=None, at_once=0):
     plan, columns = run.plan, 0 if change is None else len(change)
     at_once = at_once or columns
     passes = columns // at_once if columns else 1
-    program = with_derivatives(plan, Derivatives(at_once, passes))
+    program = make_program(plan, derivatives=Derivatives(at_once, passes))
     rows = run.initial(0, MEMBERS)[0]
     block = rows if change is None else np.concatenate([rows, *change])
     out = np.full((plan.grid.saves, plan.values, 1 + columns, MEMBERS), np.nan)
@@ -66,17 +67,6 @@ def moved(run, change=None, at_once=0):
     keys = noise_keys(plan.model.effects, plan.run.seed, order)
     program.advance(block, steps, keys, SaveTarget(out, MEMBERS, 0, order))
     return out, block.reshape(1 + columns, -1, MEMBERS)
-
-
-def with_derivatives(plan, derivatives):
-    """The program of a plan, with derivatives."""
-    events, running, growth = plan.monitors.compiled
-    return Program(
-        plan.scheme, blank(plan.model.effects), tuple(plan.recording.recorded.values()),
-        plan.has_attitude, plan.compensated, plan.dtype, tuple(plan.limits), plan.works, events,
-        running, growth, nodes=plan.nodes, shortens=plan.grid.is_shortened, axes=plan.has_axes,
-        derivatives=derivatives,
-    )  # fmt: skip
 
 
 def exact_flow(run, rows):

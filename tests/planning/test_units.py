@@ -122,7 +122,7 @@ class Visit(NamedTuple):
 
 def test_a_time_of_any_shipped_class_is_rescaled(monkeypatch):
     """The facts on the class say which numbers are times, so a new class needs no other line."""
-    monkeypatch.setitem(observables.WATCHED, "visit", Visit)
+    monkeypatch.setitem(observables.OBSERVABLES, "visit", Visit)
 
     def counts(size):
         body = rm.Body.from_moments((size, 1.4 * size, 2.0 * size))

@@ -8,7 +8,8 @@ import xarray as xr
 
 import rigidmc as rm
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.program import Derivatives, Program
+from rigidmc.engine.program import Program
+from rigidmc.engine.program_spec import Derivatives
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.so3 import multiply
 from rigidmc.planning import plan

@@ -7,9 +7,10 @@ from rigidmc.engine.compiler.kernels import KernelKey, signature_of
 from rigidmc.engine.compiler.machine_code import lower
 from rigidmc.engine.compiler.pipeline import in_written_order
 from rigidmc.engine.inspection import DIVISION, ROOT, why_scalar
+from rigidmc.engine.kernel.arguments import letters_of
 from rigidmc.engine.kernel.march import march
 from rigidmc.engine.machine import vector_bits
-from rigidmc.engine.program import MARCH, lanes_for
+from rigidmc.engine.program import lanes_for
 from rigidmc.physics.dynamics.methods import OFF, ON, flag, static_count
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, scheme_of
@@ -109,7 +110,7 @@ def assembly_of(case, lanes):
     several = flag(len(case.made.substeps) > 2)
     made, effects, works = case.made.integrator, case.effects, case.works
     parts = made, effects, case.attitude, case.compensated, works, groups, several, OFF
-    return assembly_of_key(KernelKey(march, parts, case.dtype, lanes, MARCH))
+    return assembly_of_key(KernelKey(march, parts, case.dtype, lanes, letters_of(march)))
 
 
 def counted(case):

@@ -11,6 +11,7 @@ import pytest
 from rigidmc.engine import program as programs
 from rigidmc.engine.kernel import arguments
 from rigidmc.engine.kernel import layout as K
+from rigidmc.engine.program_spec import ProgramSpec
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects.protocol import blank, numbers, parameter_count
@@ -81,9 +82,10 @@ def program(
     lanes=None,
 ):
     """The compiled Program of a Form."""
-    return programs.Program(
-        made, blank(effects), observables, attitude, compensated, dtype, limits, (), *watch, lanes
+    spec = ProgramSpec(
+        made, blank(effects), observables, attitude, compensated, dtype, limits, (), *watch
     )
+    return programs.Program(spec, lanes)
 
 
 def run(

@@ -23,10 +23,9 @@ from rigidmc.physics.effects.protocol import (
 )
 from rigidmc.physics.observables import (
     OBSERVABLES,
-    WATCHED,
-    WATCHED_STATISTICS,
-    WITH_TABLE,
+    bare_observables,
     square_units,
+    statistics,
 )
 from rigidmc.planning.units import scale_scene
 from rigidmc.scene.derivatives import quotient
@@ -146,10 +145,10 @@ def observed(one: rm.Scene, time: float) -> tuple[rm.Scene, list[str]]:
     orbit = any(isinstance(effect, rm.GravityGradient) for effect in one.effects)
     more = rm.PointingAngle(3), *([rm.OrbitAngles()] if orbit else [])
     spins = rm.Histogram("omega[3]", -3.0 / time, 3.0 / time, 20)
-    saves = [name for name in (*OBSERVABLES, *WITH_TABLE, *WATCHED) if name != "histogram"]
+    saves = [name for name in OBSERVABLES if name != "histogram"]
     # statistics know no effects: all of them beside six take minutes to compile
-    few = OBSERVABLES if len(one.effects) <= 2 else ("omega", "energy")
-    saves += [name for name, (of, _) in WATCHED_STATISTICS.items() if of in few]
+    few = bare_observables() if len(one.effects) <= 2 else ("omega", "energy")
+    saves += [name for name, (of, _) in statistics().items() if of in few]
     bathed = any(map(is_random, one.effects))
     if not one.effects or bathed:
         saves.remove("work")

@@ -11,7 +11,7 @@ from rigidmc.inputs.synonyms import NAMES
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.physics.observables import KNOWN, OBSERVABLES, OUTCOMES, WATCHED, saveable_names
+from rigidmc.physics.observables import OUTCOMES, bare_observables, monitors, saveable_names
 from rigidmc.scene.derivatives import parameter_names_of_derivatives
 from rigidmc.scene.library import shipped_names
 from rigidmc.scene.parameters import parameter_names
@@ -38,9 +38,9 @@ SETTINGS = [*Run.model_fields, "threads", "output", "force"]
         ("Gravitation", [kind.__name__ for kind in EFFECTS.values()], "Gravity"),
         ("gravity_grad", EFFECTS, "gravity_gradient"),
         ("drag", EFFECTS, "quadratic_drag"),
-        ("euler", KNOWN, "attitude"),
-        ("euler_angles", KNOWN, "attitude"),
-        ("omga", KNOWN, "omega"),
+        ("euler", saveable_names(), "attitude"),
+        ("euler_angles", saveable_names(), "attitude"),
+        ("omga", saveable_names(), "omega"),
         ("gravity", ["start.omega.1", "effects.gravity.g"], "effects.gravity.g"),
         ("grvity", ["effects.gravity.g"], "effects.gravity.g"),
         ("effects", ["effects.gravity.g"], None),
@@ -68,7 +68,16 @@ def test_every_hint_is_a_name_that_there_is():
     """A name that is renamed would leave hints behind that name nothing."""
     keys = {"mass", "centre", "radius", "height", "density", "particles", "tensor", "moments"}
     keys |= {"normal", "uniform", "expon"} | {law.name for law in VECTOR_DISTRIBUTIONS}
-    known = {*SOLIDS, *EFFECTS, *KNOWN, *INTEGRATORS, "closed", *SETTINGS, *PICTURES, *keys}
+    known = {
+        *SOLIDS,
+        *EFFECTS,
+        *saveable_names(),
+        *INTEGRATORS,
+        "closed",
+        *SETTINGS,
+        *PICTURES,
+        *keys,
+    }
     assert {name for names in NAMES.values() for name in names} <= known
 
 
@@ -207,9 +216,11 @@ def test_the_end_of_every_path_of_a_parameter_gets_the_path():
 def test_every_variable_of_a_result_names_what_to_save():
     scene = rm.Scene.load("heavy_top")
     names = saveable_names(())
-    variables = [v for kind in WATCHED.values() for v in kind.outputs if v not in names]
-    at_saves = [f"{name}_{end}" for name in OBSERVABLES for end in ("final", "thinned", "flagged")]
-    derived = [f"d_{name}" for name in OBSERVABLES]
+    variables = [v for kind in monitors().values() for v in kind.outputs if v not in names]
+    at_saves = [
+        f"{name}_{end}" for name in bare_observables() for end in ("final", "thinned", "flagged")
+    ]
+    derived = [f"d_{name}" for name in bare_observables()]
     asked = (*variables, *at_saves, *derived, *OUTCOMES)
     assert len(asked) > 50  # 60
     for name in asked:

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.physics.observables import OBSERVABLES, WATCHED, WATCHED_STATISTICS
+from rigidmc.physics.observables import bare_observables, monitors, statistics
 from rigidmc.physics.observables.protocol import observable
 from tests.tools.plans import carries_attitude
 
 HEAVY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
 TIPS, FLIPS = rm.Passage(3, 0.5), rm.Flips(2)
+STATISTICS = statistics()
 
 
 def free(**run):
@@ -112,25 +113,23 @@ def test_every_observable_alone_and_together(name):
     scene = SCENES[name]
     names = [
         n
-        for n in (*OBSERVABLES, *WATCHED, *WATCHED_STATISTICS)
+        for n in (*bare_observables(), *monitors(), *STATISTICS)
         if n != "histogram" and able(scene, n)
     ]
-    together = saved(
-        scene, *(n for n in names if n not in WATCHED_STATISTICS or n.startswith("omega"))
-    )
+    together = saved(scene, *(n for n in names if n not in STATISTICS or n.startswith("omega")))
     for n in names:
         if (
-            n in WATCHED_STATISTICS and n.endswith("_min") and not n.startswith("omega")
+            n in STATISTICS and n.endswith("_min") and not n.startswith("omega")
         ):  # the statistics of one observable at a time
             together = saved(
                 scene,
                 "attitude",
                 "flips",
                 "nutation",
-                *(m for m in WATCHED_STATISTICS if m.rpartition("_")[0] == n[:-4]),
+                *(m for m in STATISTICS if m.rpartition("_")[0] == n[:-4]),
             )
         alone = saved(scene, n)
-        assert n in WATCHED_STATISTICS or set(alone.data_vars) <= set(together.data_vars)
+        assert n in STATISTICS or set(alone.data_vars) <= set(together.data_vars)
         assert differing(alone, together, "work" in together and n != "work") == [], n
 
 
@@ -170,7 +169,7 @@ def test_observables_that_need_the_attitude():
     bare = rm.Scene(HEAVY, start=rm.Start(omega=(0.0, 1.0, 0.0)))
     needed = {
         name
-        for name in (*OBSERVABLES, *WATCHED, *WATCHED_STATISTICS)
+        for name in (*bare_observables(), *monitors(), *STATISTICS)
         if name not in ("histogram", "passage", "noise_score")
         and carries_attitude(bare.with_run(save=(name,)))
     }

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.physics.observables import OBSERVABLES, WATCHED, WITH_TABLE
+from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from rigidmc.views.accessor import Rigid
 from tests.tools import units
@@ -70,7 +70,7 @@ def test_every_public_thing_is_asked():
     observables = {"".join(map(str.title, word.split("_"))) for word in (*seen, "histogram")}
     known = functions | CLOSED_FORMS | SCENES | DRAWN | NO_NUMBERS | effects | observables
     assert set(rm.__all__) - known == set()
-    assert {*OBSERVABLES, *WITH_TABLE, *WATCHED} - seen == {"histogram"}
+    assert {*OBSERVABLES} - seen == {"histogram"}
     methods = {name for name in dir(Rigid) if not name.startswith("_")}
     assert methods == METHODS | NO_METHODS
 

@@ -8,9 +8,9 @@ needed. Most functions have one block, with no branch to prune and nothing to re
 import functools
 from typing import Any
 
-from numba.core import base, event, ir, transforms
+from numba.core import base, event, ir, transforms, types
 from numba.core.compiler_machinery import PassManager, register_pass
-from numba.core.ir_utils import build_definitions
+from numba.core.ir_utils import build_definitions, get_definition, guard
 from numba.core.rewrites.registry import rewrite_registry
 from numba.core.ssa import reconstruct_ssa
 from numba.core.typed_passes import PreLowerStripPhis
@@ -52,6 +52,30 @@ class LeanProcessing(IRProcessing):
         return True
 
 
+_NAMED_TUPLE: Any = types.BaseNamedTuple  # as Any: Numba's stubs lack its fields
+
+
+def fold_lengths(function: Any, kinds: Any) -> None:
+    """Replace len(argument.field) by its number, which the type of a NamedTuple has.
+
+    Numba does so for len(argument): flags may then be fields of a record.
+    """
+    for block in function.blocks.values():
+        for statement in block.find_insts(ir.Assign):
+            call = statement.value
+            if not isinstance(call, ir.Expr) or call.op != "call" or len(call.args) != 1:
+                continue
+            called, field = (guard(get_definition, function, x) for x in (call.func, *call.args))
+            if getattr(called, "value", None) is not len or getattr(field, "op", "") != "getattr":
+                continue
+            owner = guard(get_definition, function, field.value)
+            kind: Any = kinds[owner.index] if isinstance(owner, ir.Arg) else None
+            if isinstance(kind, _NAMED_TUPLE):
+                size = ir.Const(len(tuple(kind)[kind.fields.index(field.attr)]), statement.loc)
+                function._definitions[statement.target.name] = [size]
+                statement.value = size
+
+
 @register_pass(mutates_CFG=True, analysis_only=False)
 class LeanPrune(DeadBranchPrune):
     """Prune branches as Numba does, if there is one."""
@@ -59,7 +83,10 @@ class LeanPrune(DeadBranchPrune):
     _name = "rigidmc_lean_prune"
 
     def run_pass(self, state: Any) -> bool:
-        return len(state.func_ir.blocks) == 1 or bool(super().run_pass(state))
+        if len(state.func_ir.blocks) == 1:
+            return True
+        fold_lengths(state.func_ir, state.args)
+        return bool(super().run_pass(state))
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)

@@ -245,18 +245,17 @@ intrinsic(of_body)(_if_active(0))
 intrinsic(of_effects)(_if_active(1))
 
 
-def shifted(array, count):
-    """Return plain memory from number `count` on."""
-    return array[count:]
+def shifted(rows, count):
+    """Return memory from row `count` on, plain memory from number `count` on."""
+    return rows[count:]
 
 
 @intrinsic(shifted)
-def _shifted(typing_context, array, count):
+def _shifted(typing_context, rows, count):
     def generate(context, builder, sig, args):
-        place = _place(builder, array, args[0], args[1], ELEMENT[array.dtype.name])
-        return builder.bitcast(place, context.get_value_type(array))
+        return builder.bitcast(_row(builder, rows, *args), context.get_value_type(rows))
 
-    return array(array, types.intp), generate
+    return rows(rows, types.intp), generate
 
 
 def _row(builder: Any, ty: Any, rows: Any, index: Any) -> Any:

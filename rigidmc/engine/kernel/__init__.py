@@ -24,8 +24,7 @@ dense_output  the state within a step
 events        whether something happened in a step, and when
 monitoring    events and running observables, step by step and node by node
 extrema       extrema between two nodes
-noted         extrema that are searched after the steps, for all members together
-running       states of running observables, in rows and after a step
+running       states of running observables, and extrema that are searched after the steps
 growth        the growth of a tangent: how fast nearby trajectories diverge
 
 and parts that few runs need:

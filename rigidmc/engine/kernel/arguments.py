@@ -5,6 +5,8 @@ target of saves, and the working memory. `advance` takes all of them as one reco
 argument is a new field here, and no signature changes.
 """
 
+import inspect
+from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -191,6 +193,27 @@ class Workspace(NamedTuple):
     kept: Memory
     saved: Memory
     skips_cache: int
+
+
+# The letters of a KernelKey by the names of the arguments of kernels; other arguments are integers.
+_LETTERS = {
+    **dict.fromkeys(("block", "out", "substeps"), "p"),
+    **dict.fromkeys(("state", "spare_state"), "s"),
+    **dict.fromkeys(("work", "spare_work"), "w"),
+    **dict.fromkeys(("key", "second_key"), "k"),
+    "trace": "t", "kept": "d", "streams": "u",
+    **dict.fromkeys(
+        ("duration", "h", "is_planned", "late", "long_until", "longer", "new_slot", "planned",
+         "ratio", "round_start", "rounds_done", "slot", "t"), "f",
+    ),
+}  # fmt: skip
+
+
+@cache
+def letters_of(kernel: Callable[..., Any]) -> str:
+    """Return the types of the arguments of a kernel after `tree` and `numbers`, see `KernelKey`."""
+    names = list(inspect.signature(kernel).parameters)[2:]
+    return "".join(_LETTERS.get(name, "i") for name in names)
 
 
 @cache

@@ -15,26 +15,8 @@ import numpy as np
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.kernels import call_address
 from rigidmc.engine.compiler.memory import memory
+from rigidmc.engine.kernel import layout, transfer
 from rigidmc.engine.kernel.arguments import CUT_ROWS, NO_STEP
-from rigidmc.engine.kernel.layout import (
-    BODY,
-    BODY_AT,
-    COUNT,
-    EVENT_ROWS,
-    MEMBER_ROWS,
-    MEMBER_STEPS,
-    ROUND_START,
-    STEP_LENGTH,
-)
-from rigidmc.engine.kernel.transfer import (
-    block_memory,
-    gather_growing,
-    gather_members,
-    gather_tangents,
-    park_finished,
-    save_members,
-    scatter_members,
-)
 from rigidmc.physics.observables.chaos import RECORD_EVERY
 
 # Steps between two assessments of drift and health: one assessment takes as long as 2 steps of rk4
@@ -71,12 +53,11 @@ def run_lanes(frame, low):
 
 def run_pass(frame, low, part):
     """Take the members of a block from `low` on through the steps; part : the pass."""
-    flat = block_memory(frame)
+    flat = transfer.block_memory(frame)
     h, round_start = first_round(frame)
-    gather_members(frame, low, h, round_start)
-    gather_tangents(frame, low, part)
+    transfer.gather_members(frame, low, h, round_start, part)
     if frame.growth != 0:
-        gather_growing(frame, low)
+        transfer.gather_growing(frame, low)
     if frame.first == 0:
         initialise_members(frame, low, part)
     # Once all lanes are stopped or frozen, no more steps are made, but saves go on to the end.
@@ -94,8 +75,9 @@ def run_pass(frame, low, part):
             lengths = frame.h, frame.last_h
             change_steps(frame, slots, new_slot, lengths, last_round_start(frame))
         elif frame.member_steps != 0 and now == round_first:
+            begins = round_first // frame.slots * frame.h
             for k in range(frame.lanes):
-                flat.work[ROUND_START * frame.lanes + k] = round_first // frame.slots * frame.h
+                flat.work[layout.ROUND_START * frame.lanes + k] = begins
         if now == cut_step:
             stop = now + frame.slots
             cut = make_cut_steps(frame, cut, now, idle)
@@ -112,12 +94,12 @@ def run_pass(frame, low, part):
             is_late = 1.0 if 2 * now > frame.total else 0.0
             idle = assess_members(frame, rounds, slot, is_late, 1.0 if is_planned else 0.0)
         if is_saved:
-            save_members(frame, low, time_at(frame, now), save, part)
+            transfer.save_members(frame, low, time_at(frame, now), save, part)
             save += 1
             save_step = step_of_save(frame, save)
     if frame.last == frame.total and frame.records > 0:
         refine_events(frame)
-    scatter_members(frame, low, part)
+    transfer.scatter_members(frame, low, part)
     return 0
 
 
@@ -127,7 +109,7 @@ def change_steps(frame, slot, new_slot, lengths, round_start):
     slot, new_slot : steps so far since the old and the new `round_start` [s]
     lengths : of a step before and from now on, with member steps of a round [s]
     """
-    flat, lanes, work = block_memory(frame), frame.lanes, block_memory(frame).work
+    flat, lanes, work = transfer.block_memory(frame), frame.lanes, transfer.block_memory(frame).work
     own, h = frame.member_steps, lengths[1]
     if frame.changes_length != 0:
         arguments = flat.substeps, flat.state, work, slot, new_slot, round_start, h, own
@@ -135,8 +117,9 @@ def change_steps(frame, slot, new_slot, lengths, round_start):
     if frame.reweighs != 0:
         call_address(frame.reweigh, (work, frame.monitor_row, lengths[0] / h))
     for k in range(lanes):
-        work[STEP_LENGTH * lanes + k] = h / work[MEMBER_STEPS * lanes + k] if own != 0 else h
-        work[ROUND_START * lanes + k] = round_start
+        steps = work[layout.MEMBER_STEPS * lanes + k]
+        work[layout.STEP_LENGTH * lanes + k] = h / steps if own != 0 else h
+        work[layout.ROUND_START * lanes + k] = round_start
 
 
 def make_cut_steps(frame, cut, now, idle):
@@ -144,10 +127,11 @@ def make_cut_steps(frame, cut, now, idle):
 
     Return the row after these parts.
     """
-    rows, own, work = memory(frame.cuts, frame.h), frame.member_steps, block_memory(frame).work
+    rows, own = memory(frame.cuts, frame.h), frame.member_steps
+    work = transfer.block_memory(frame).work
     first, last = (0, frame.slots) if own != 0 else (now, now + 1)
     h = frame.h if now < frame.head else frame.last_h
-    round_start = work[ROUND_START * frame.lanes]
+    round_start = work[layout.ROUND_START * frame.lanes]
     begun, length, part = first * 1.0, h, 0
     while step_of_cut(frame, cut) == now:
         new, begins = rows[CUT_ROWS * cut + 1], rows[CUT_ROWS * cut + 2]
@@ -202,7 +186,7 @@ def time_at(frame, now):
 
 def initialise_members(frame, low, part):
     """Classify, monitor and save the start of the members."""
-    flat = block_memory(frame)
+    flat = transfer.block_memory(frame)
     substeps, state, work = flat.substeps, flat.state, flat.work
     call_address(frame.initialise, (substeps, state, work))
     if frame.monitors != 0:
@@ -211,7 +195,7 @@ def initialise_members(frame, low, part):
     if frame.growth != 0:
         arguments = substeps, state, work, frame.growth_row, time_at(frame, frame.total)
         call_address(frame.begin_growth, arguments)
-    save_members(frame, low, 0.0, 0, part)
+    transfer.save_members(frame, low, 0.0, 0, part)
 
 
 def next_save(frame, now):
@@ -258,7 +242,7 @@ def assess_members(frame, rounds, slot, late, planned):
 
     Return True if all members are stopped or frozen.
     """
-    flat = block_memory(frame)
+    flat = transfer.block_memory(frame)
     arguments = flat.substeps, flat.state, flat.work, rounds, slot * 1.0, late, planned
     return call_address(frame.assess, arguments) == 0
 
@@ -268,7 +252,7 @@ def make_steps(frame, round_first, first, last, part):
 
     round_first : the step with which the round began;  part : of these steps, 0 for the first
     """
-    now, flat = first, block_memory(frame)
+    now, flat = first, transfer.block_memory(frame)
     substeps, state, work = flat.substeps, flat.state, flat.work
     if frame.member_steps != 0:
         last = max_member_steps(frame, last)
@@ -285,10 +269,10 @@ def make_steps(frame, round_first, first, last, part):
         rounds = round_first // frame.slots if frame.member_steps != 0 else 0
         rounds += part * OTHER_NOISE
         # Lanes make steps together: the states of finished members are saved from them.
-        idle = frame.member_steps != 0 and park_finished(frame, state, now, 1)
+        idle = frame.member_steps != 0 and transfer.park_finished(frame, state, now, 1)
         march_members(frame, state, work, frame.monitors, rounds, now, stop)
         if idle:
-            park_finished(frame, state, now, 0)
+            transfer.park_finished(frame, state, now, 0)
         if frame.growth != 0:
             is_planned = is_recorded(frame, round_first, stop)
             if is_planned or frame.member_steps != 0:
@@ -324,7 +308,7 @@ def is_recorded(frame, round_first, step):
 
 def march_members(frame, state, work, is_traced, rounds, first, last):
     """Make steps from step `first` of a round to `last`."""
-    flat, streams = block_memory(frame), memory(frame.streams, frame.key)
+    flat, streams = transfer.block_memory(frame), memory(frame.streams, frame.key)
     arguments = (
         flat.substeps, frame.substep_rows, state, work, flat.trace, is_traced, frame.key,
         frame.second_key, streams, rounds, first, last,
@@ -334,9 +318,9 @@ def march_members(frame, state, work, is_traced, rounds, first, last):
 
 def max_member_steps(frame, last):
     """Return the largest number of own steps in a round among the members, at most `last`."""
-    largest, work = 0, block_memory(frame).work
+    largest, work = 0, transfer.block_memory(frame).work
     for k in range(frame.lanes):
-        steps = work[MEMBER_STEPS * frame.lanes + k]
+        steps = work[layout.MEMBER_STEPS * frame.lanes + k]
         if steps > largest * 1.0:
             largest = np.int64(steps) if steps < last * 1.0 else last
     return largest
@@ -344,9 +328,9 @@ def max_member_steps(frame, last):
 
 def next_finish(frame, now, stop):
     """Return the step at which the first of the members still moving has made all its steps."""
-    work = block_memory(frame).work
+    work = transfer.block_memory(frame).work
     for k in range(frame.lanes):
-        steps = work[MEMBER_STEPS * frame.lanes + k]
+        steps = work[layout.MEMBER_STEPS * frame.lanes + k]
         if now * 1.0 < steps and steps < stop * 1.0:
             stop = np.int64(steps)
     return stop
@@ -355,7 +339,7 @@ def next_finish(frame, now, stop):
 def refine_events(frame):
     """Find the exact times of the first and last of each event, by steps back from the recorded
     states."""
-    lanes, flat, ratio = frame.lanes, block_memory(frame), 1.0
+    lanes, flat, ratio = frame.lanes, transfer.block_memory(frame), 1.0
     substeps, work, spare_work = flat.substeps, flat.work, flat.spare_work
     state, spare_state = flat.state, flat.spare_state
     if frame.total > frame.head:
@@ -365,15 +349,15 @@ def refine_events(frame):
     # themselves.
     for j in range(1 + frame.tangents):
         at = j * frame.tangents_in_work * lanes
-        for i in range(at, at + MEMBER_ROWS * lanes):
+        for i in range(at, at + layout.MEMBER_ROWS * lanes):
             spare_work[i] = work[i]
         at = j * frame.tangents_in_state * lanes
-        for i in range(at, at + (BODY_AT + frame.rows - BODY) * lanes):
+        for i in range(at, at + (layout.BODY_AT + frame.rows - layout.BODY) * lanes):
             spare_state[i] = state[i]
     for record in range(frame.records):
-        count = 0.0
+        count, row = 0.0, frame.monitor_row + record // 2 * layout.EVENT_ROWS + layout.COUNT
         for k in range(lanes):
-            count += abs(work[(frame.monitor_row + record // 2 * EVENT_ROWS + COUNT) * lanes + k])
+            count += abs(work[row * lanes + k])
         # A nan count means that the member is not healthy; it compares False.
         tries = frame.tries if count > 0.0 else 0
         for steps_back in range(tries + 1):

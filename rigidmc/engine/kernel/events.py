@@ -22,29 +22,10 @@ import numpy as np
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.derivatives import chained, change_of, moving, without_derivatives
 from rigidmc.engine.compiler.intrinsics import any_of, in_precision
-from rigidmc.engine.compiler.memory import four_at, put_rows, three_at, without_tangents
+from rigidmc.engine.compiler.memory import four_at, put_rows, shifted, without_tangents
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
+from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.dense_output import interpolate, make_interpolant, time_within
-from rigidmc.engine.kernel.layout import (  # fmt: skip
-    ATTITUDE,
-    CHECKED_STATE,
-    COUNT,
-    DWELL_START,
-    EVENT_ROWS,
-    FIRST_TAU,
-    LEVEL,
-    RECORD_ROWS,
-    RECORDS,
-    ROUND_START,
-    SQUARES,
-    STEP_LENGTH,
-    TAU,
-    TIMES,
-    momentum_at,
-    observed_body_and_effects,
-    opening_substep,
-    put_stepping,
-)
 from rigidmc.physics.dynamics.euler import scaled
 from rigidmc.physics.dynamics.so3 import logical_not, select, select_all
 from rigidmc.physics.effects.sums import state_rates
@@ -65,14 +46,15 @@ TRIES = 8
 
 def event_record(rows, healthy):
     """Return the EventRecord from rows of a block; nan for members that are not healthy."""
-    count = np.where(healthy, rows[COUNT], np.nan)
+    count = np.where(healthy, rows[layout.COUNT], np.nan)
     never = ~(count > 0.0)
-    times = rows[TIMES], rows[TIMES + 1], rows[RECORDS]
+    times = rows[layout.TIMES], rows[layout.TIMES + 1], rows[layout.RECORDS]
     first, last, step_end = (np.where(never, np.nan, x) for x in times)
-    return EventRecord(count, first, last, rows[TAU], rows[FIRST_TAU], rows[SQUARES], step_end)
+    linear = rows[layout.TAU], rows[layout.FIRST_TAU], rows[layout.SQUARES]
+    return EventRecord(count, first, last, *linear, step_end)
 
 
-def begin_events(events, body, effects, t, q, l, work, row):
+def begin_events(events, body, effects, t, q, l, rows):
     """Set the rows of events at the start, where an event may count as happened."""
     if len(events) == 0:
         return 0
@@ -80,25 +62,30 @@ def begin_events(events, body, effects, t, q, l, work, row):
     count, since = start_counts(dwell(events[0]), counts_at_start(events[0], now), t)
     # `now != now` is False as a mask of this width: the event was armed in no earlier step.
     first = select(armed(events[0], body, q, l, now, now != now), now, 0.0)
-    put_rows((first, count, t, t, since, t, t), work, row)
+    put_rows((first, count, t, t, since, t, t), rows, layout.LEVEL)  # and the rows up to TIMES
     noted = (t, 0.0, now, 0.0, now) + q + l
-    put_rows(noted + noted, work, row + RECORDS)
-    return begin_events(events[1:], body, effects, t, q, l, work, row + EVENT_ROWS)
+    put_rows(noted + noted, rows, layout.RECORDS)
+    return begin_events(events[1:], body, effects, t, q, l, following(rows))
 
 
-def levels_at(events, work, row):
+def following(rows):
+    """Return the rows of the event after the one with these rows."""
+    return shifted(rows, layout.EVENT_ROWS)
+
+
+def levels_at(events, rows):
     """Return the levels of events after the last step, from their rows."""
     if len(events) == 0:
         return ()
-    return (work[row + LEVEL],) + levels_at(events[1:], work, row + EVENT_ROWS)
+    return (rows[layout.LEVEL],) + levels_at(events[1:], following(rows))
 
 
-def put_levels(levels, work, row):
+def put_levels(levels, rows):
     """Write the rows that `levels_at` reads."""
     if len(levels) == 0:
         return 0
-    work[row + LEVEL] = levels[0]
-    return put_levels(levels[1:], work, row + EVENT_ROWS)
+    rows[layout.LEVEL] = levels[0]
+    return put_levels(levels[1:], following(rows))
 
 
 def levels_of(events, body, effects, t, q, l):
@@ -135,35 +122,34 @@ def rearm(events, moves, body, q, l, before, now):
     return (select(moves, new, before[0]),) + rest
 
 
-def is_stopped(events, work, row):
+def is_stopped(events, rows):
     """Return 1 if an event has stopped the member, else 0; at most one event stops members."""
     if len(events) == 0:
         return 0.0
     if len(is_terminal(events[0])) == 0:
-        return is_stopped(events[1:], work, row + EVENT_ROWS)
-    return select(work[row + COUNT] > 0.0, 1.0, 0.0)
+        return is_stopped(events[1:], following(rows))
+    return select(rows[layout.COUNT] > 0.0, 1.0, 0.0)
 
 
-def stopped_state(events, work, row, q, l):
+def stopped_state(events, rows, q, l):
     """Return (q, L); if an event has stopped the member, the state at the end of that step."""
     if len(events) == 0:
         return q, l
     if len(is_terminal(events[0])) == 0:
-        return stopped_state(events[1:], work, row + EVENT_ROWS, q, l)
-    here, at = work[row + COUNT] > 0.0, row + RECORDS + 5
-    q, l = select_all(here, four_at(work, at), q), select_all(here, three_at(work, at + 4), l)
-    return stopped_state(events[1:], work, row + EVENT_ROWS, q, l)
+        return stopped_state(events[1:], following(rows), q, l)
+    has_stopped = rows[layout.COUNT] > 0.0
+    last_q, last_l = layout.pose_at(rows, layout.RECORDS + layout.RECORD_POSE)
+    q, l = select_all(has_stopped, last_q, q), select_all(has_stopped, last_l, l)
+    return stopped_state(events[1:], following(rows), q, l)
 
 
-def events_at_end(events, moves, step, before, work, row):
+def events_at_end(events, moves, step, before, rows):
     """Return the levels of events after a step of which only the end is monitored."""
     if len(events) == 0:
         return ()
     now = levels_of(events, step.body, step.effects, step.t, step.q, step.l)
     befores, after = step_starts(before), (0.0, 0.0)
-    return update_events(
-        events, moves, step, befores, before, after, step.q, step.l, now, work, row
-    )
+    return update_events(events, moves, step, befores, before, after, step.q, step.l, now, rows)
 
 
 def step_starts(levels):
@@ -173,27 +159,27 @@ def step_starts(levels):
     return ((1.0, 0.0),) + step_starts(levels[1:])
 
 
-def update_events(events, moves, step, befores, before, after, q, l, now, work, row):
+def update_events(events, moves, step, befores, before, after, q, l, now, rows):
     """Return the levels of events after an interval that ends in (q, L), and record events in it.
 
     Arguments as in `record_events`.
     """
     # A branch for all lanes at once: in most steps nothing happens, and recording is long code.
     if any_of(any_has_happened(before, now)):
-        record_events(events, moves, step, befores, before, after, now, work, row)
-    count_dwells(events, moves, step, after[0], now, work, row)
+        record_events(events, moves, step, befores, before, after, now, rows)
+    count_dwells(events, moves, step, after[0], now, rows)
     return rearm(events, moves, step.body, q, l, before, now)
 
 
-def count_dwells(events, moves, step, after, now, work, row):
+def count_dwells(events, moves, step, after, now, rows):
     """Count the events whose dwell is long enough by the end of an interval."""
     if len(events) == 0:
         return 0
-    count_dwell(dwell(events[0]), moves, step, after, now[0], work, row)
-    return count_dwells(events[1:], moves, step, after, now[1:], work, row + EVENT_ROWS)
+    count_dwell(dwell(events[0]), moves, step, after, now[0], rows)
+    return count_dwells(events[1:], moves, step, after, now[1:], following(rows))
 
 
-def record_events(events, moves, step, befores, before, after, now, work, row):
+def record_events(events, moves, step, befores, before, after, now, rows):
     """Record the events between two states of a step, for members that move.
 
     step : the Step
@@ -207,46 +193,38 @@ def record_events(events, moves, step, befores, before, after, now, work, row):
     if len(events) == 0:
         return 0
     hit = has_happened(before[0], now[0]) & moves
-    record_event(events[0], hit, step, befores[0], before[0], after, now[0], work, row)
+    wait = dwell(events[0])
+    record_event(wait, events[0], hit, step, befores[0], before[0], after, now[0], rows)
     return record_events(
-        events[1:], moves, step, befores[1:], before[1:], after, now[1:], work, row + EVENT_ROWS
+        events[1:], moves, step, befores[1:], before[1:], after, now[1:], following(rows)
     )
 
 
-def record_event(event, hit, step, start_back, before, after, now, work, row):
-    """Record an event for the members in the mask `hit`; other arguments as in `record_events`."""
-    return record_event_of(
-        dwell(event), event, hit, step, start_back, before, after, now, work, row
-    )
+def record_event(wait, event, hit, step, start_back, before, after, now, rows):
+    """Record an event for the members in the mask `hit`; other arguments as in `record_events`.
 
-
-def record_event_of(wait, event, hit, step, start_back, before, after, now, work, row):
-    """Compute `record_event`, for an event with a dwell time if there is a `wait`."""
-    if len(wait) == 0:
-        return record_crossing(hit, step, start_back, before, after, now, work, row)
-    return record_dwell(wait, event, hit, step, start_back, before, after, now, work, row)
-
-
-def record_crossing(hit, step, start_back, before, after, now, work, row):
-    """Compute `record_event` for an event that counts when its level passes through 0."""
+    wait : `dwell` of the event, () if it counts when its level passes through 0
+    """
+    if len(wait) > 0:
+        return record_dwell(wait, event, hit, step, start_back, before, after, now, rows)
     t, h, q, l = step.t, step.h, step.q, step.l
     # Linear interpolation here: the exact time is found once, after the run, only for the first and
     # the last event.
-    count, last = work[row + COUNT], work[row + TAU]
+    count, last = rows[layout.COUNT], rows[layout.TAU]
     rise = now - before
     # Both 0: the fraction of the step is 0, in any unit of the level.
     fraction = now / select(rise == 0.0, 1.0, rise)
     tau = t - h * (after[0] + (start_back[0] - after[0]) * fraction)
     interval = select(hit & (count > 0.0), tau - last, 0.0)
-    work[row + SQUARES] = work[row + SQUARES] + interval * interval
-    work[row + TAU] = select(hit, tau, last)
-    work[row + COUNT] = select(hit, count + 1.0, count)
+    rows[layout.SQUARES] = rows[layout.SQUARES] + interval * interval
+    rows[layout.TAU] = select(hit, tau, last)
+    rows[layout.COUNT] = select(hit, count + 1.0, count)
     first = hit & (count == 0.0)
-    work[row + FIRST_TAU] = select(first, tau, work[row + FIRST_TAU])
+    rows[layout.FIRST_TAU] = select(first, tau, rows[layout.FIRST_TAU])
     noted = (t, after[0] - after[1], now, start_back[0] + start_back[1], before) + q + l
     if any_of(first):
-        write_if(first, noted, work, row + RECORDS)
-    write_if(hit, noted, work, row + RECORDS + RECORD_ROWS)
+        write_if(first, noted, rows, layout.RECORDS)
+    write_if(hit, noted, rows, layout.RECORDS + layout.RECORD_ROWS)
     return 0
 
 
@@ -258,53 +236,54 @@ def refine_event(
 
     record : 2 i for the first, 2 i + 1 for the last of event i
     steps_back : steps back made so far
-    spare_state, spare_work : a state and its `work` for the step back; the rows CHECKED_STATE of
-        `spare_work` keep the bracket and the length of the step
+    spare_state, spare_work : a state and its `work` for the step back, which keeps the BRACKET and
+        the FRACTION of the step
     long_until, ratio : when the steps before the last interval end [s], and their length relative
         to its steps
     """
     integrator, effects, events, axes, derived = tree_unpack(tree, numbers)
-    at = row + record // 2 * EVENT_ROWS + RECORDS + record % 2 * RECORD_ROWS
-    place = row + record // 2 * EVENT_ROWS + TIMES + record % 2
-    body, present = observed_body_and_effects(effects, axes, work, axes_row)
+    event_rows = shifted(work, row + record // 2 * layout.EVENT_ROWS)
+    rows, place = without_tangents(event_rows), layout.TIMES + record % 2
+    at = layout.RECORDS + record % 2 * layout.RECORD_ROWS
+    body, present = layout.observed_body_and_effects(effects, axes, work, axes_row)
     # The bracket and the step back have no derivatives: the time gets its own at the end.
-    plain, spare = without_tangents(work), without_tangents(spare_work)
-    t, last_h, bracket = plain[at], plain[STEP_LENGTH], four_at(plain, at + 1)
+    last_h, spare = without_tangents(work)[layout.STEP_LENGTH], without_tangents(spare_work)
+    t, bracket = rows[at], four_at(rows, at + 1)
     # The end time of a step shows whether it belongs to the last interval.
     h = select(t < long_until + 0.5 * last_h, last_h * ratio, last_h)
     older, level_before = bracket[1], bracket[3]
     # Both ends have one sign: no crossing was bracketed, because the event counted at the start.
     at_start = (level_before < 0.0) == (older < 0.0)
     if steps_back > 0:
-        fraction = spare[CHECKED_STATE + 4]
+        fraction = spare[layout.FRACTION]
         back_step = -fraction * h
-        substep = opening_substep(substeps, back_step)
-        q = in_precision(four_at(spare_state, ATTITUDE), work)
-        l = in_precision(momentum_at(integrator, spare_state), work)
+        substep = layout.opening_substep(substeps, back_step)
+        q = in_precision(four_at(spare_state, layout.ATTITUDE), work)
+        l = in_precision(layout.momentum_at(integrator, spare_state), work)
         torque_time = t + back_step + substeps[3] * back_step
         q, l = from_stepping(integrator, body, present, torque_time, substep, q, l)
         level_here = level_at(events, record // 2, body, present, t + back_step, q, l)
         here = without_derivatives(level_here)
-        bracket = shrink_bracket(four_at(spare, CHECKED_STATE), fraction, here)
+        bracket = shrink_bracket(four_at(spare, layout.BRACKET), fraction, here)
         keep_time_change(
             derived, effects, events, axes, record // 2, t + back_step, h, q, l, level_here, work,
-            axes_row, place, row + record // 2 * EVENT_ROWS + COUNT, at_start,
+            axes_row, event_rows, place, at_start,
         )  # fmt: skip
     fraction = interpolate_root(bracket)
     back_step = -fraction * h
-    put_rows(bracket + (fraction,), spare, CHECKED_STATE)
-    substep = opening_substep(substeps, back_step)
-    q, l = four_at(work, at + 5), three_at(work, at + 9)
+    put_rows(bracket + (fraction,), spare, layout.BRACKET)
+    substep = layout.opening_substep(substeps, back_step)
+    q, l = layout.pose_at(event_rows, at + layout.RECORD_POSE)
     q, l = to_stepping(integrator, body, present, t + substeps[3] * back_step, substep, q, l)
-    put_stepping(in_precision(q, spare_state), in_precision(l, spare_state), spare_state)
-    put_rows((t, back_step), spare, ROUND_START)  # and STEP_LENGTH, the row after it
-    plain[place] = select(at_start, t, t + back_step)
+    layout.put_stepping(in_precision(q, spare_state), in_precision(l, spare_state), spare_state)
+    put_rows((t, back_step), spare, layout.ROUND_START)  # and STEP_LENGTH, the row after it
+    rows[place] = select(at_start, t, t + back_step)
     return 0
 
 
 def keep_time_change(
-    derived, effects, events, axes, index, t, h, q, l, level_here, work, axes_row, place,
-    count_row, at_start,
+    derived, effects, events, axes, index, t, h, q, l, level_here, work, axes_row, event_rows,
+    place, at_start,
 ):  # fmt: skip
     """Write the derivatives of the time of an event, -dg/dp / (dg/dt) of its level g (implicit
     function theorem), to a row whose value is written later.
@@ -314,15 +293,16 @@ def keep_time_change(
     if len(derived) == 0:
         return 0
     plain = without_tangents(work)
-    body, present = observed_body_and_effects(effects, axes, plain, axes_row)
+    body, present = layout.observed_body_and_effects(effects, axes, plain, axes_row)
     q, l = first_values(q), first_values(l[:3])
     dq, dl = state_rates(scaled(body, h), present, body, t, h, q, l)
     q, l = moving_each(q, dq), moving_each(l, dl)
     rate = change_of(level_at(events, index, body, present, moving(t, h), q, l))
     # no time depends on a parameter if there is no event, if it is that of the start, or if its
     # level stands still
-    is_timed = (rate != 0.0) & (plain[count_row] > 0.0) & logical_not(at_start)
-    work[place] = chained(level_here, t, -h / select(is_timed, rate, math.inf))
+    has_happened_once = without_tangents(event_rows)[layout.COUNT] > 0.0
+    is_timed = (rate != 0.0) & has_happened_once & logical_not(at_start)
+    event_rows[place] = chained(level_here, t, -h / select(is_timed, rate, math.inf))
     return 0
 
 
@@ -361,16 +341,16 @@ def start_counts(wait, there, t):
     return 0.0, select(there, t, math.inf)
 
 
-def record_dwell(wait, event, hit, step, start_back, before, after, now, work, row):
+def record_dwell(wait, event, hit, step, start_back, before, after, now, rows):
     """Record that a dwell begins or ends; a dwell that ends counts if it was long enough.
 
     wait : see `dwell` of `rigidmc.physics.observables.protocol`
     other arguments : as in `record_event`
     """
     t = crossing_time(wait[1:], event, step, start_back[0], before, after[0], now)
-    count_if_lasted(wait, hit & (before > 0.0), t, step, work, row)
-    since = work[row + DWELL_START]
-    work[row + DWELL_START] = select(hit, select(before < 0.0, t, math.inf), since)
+    count_if_lasted(wait, hit & (before > 0.0), t, step, rows)
+    since = select(before < 0.0, t, math.inf)
+    rows[layout.DWELL_START] = select(hit, since, rows[layout.DWELL_START])
     return 0
 
 
@@ -392,35 +372,35 @@ def crossing_time(dense, event, step, start_back, before, after, now):
     return time_within(step, x)
 
 
-def count_dwell(wait, moves, step, after, now, work, row):
+def count_dwell(wait, moves, step, after, now, rows):
     """Count a dwell as soon as it is long enough.
 
     after, now : the fraction of the step after the present state, and the level there
     """
     if len(wait) == 0:
         return 0
-    return count_if_lasted(wait, moves & (now >= 0.0), step.t - after * step.h, step, work, row)
+    return count_if_lasted(wait, moves & (now >= 0.0), step.t - after * step.h, step, rows)
 
 
-def count_if_lasted(wait, beyond, t, step, work, row):
+def count_if_lasted(wait, beyond, t, step, rows):
     """Count the dwell of members that are `beyond` until t, if it is long enough."""
-    since, count = work[row + DWELL_START], work[row + COUNT]
+    since, count = rows[layout.DWELL_START], rows[layout.COUNT]
     lasted = beyond & (t - since >= wait[0])
     first = lasted & (count == 0.0)
-    work[row + COUNT] = select(lasted, count + 1.0, count)
-    work[row + TAU] = select(lasted, since, work[row + TAU])
-    work[row + FIRST_TAU] = select(first, since, work[row + FIRST_TAU])
-    work[row + DWELL_START] = select(lasted, math.inf, since)
+    rows[layout.COUNT] = select(lasted, count + 1.0, count)
+    rows[layout.TAU] = select(lasted, since, rows[layout.TAU])
+    rows[layout.FIRST_TAU] = select(first, since, rows[layout.FIRST_TAU])
+    rows[layout.DWELL_START] = select(lasted, math.inf, since)
     if any_of(first):  # the state in which an event may stop the member
         zero = 0.0 * t
         noted = (zero + step.t, zero, zero, zero, zero) + step.q + step.l
-        write_if(first, noted, work, row + RECORDS)
+        write_if(first, noted, rows, layout.RECORDS)
     return 0
 
 
-def write_if(condition, values, work, row):
+def write_if(condition, values, rows, row):
     """Write a tuple to rows if the condition holds."""
-    return put_rows(select_all(condition, values, tree_unflatten(values, work, row)), work, row)
+    return put_rows(select_all(condition, values, tree_unflatten(values, rows, row)), rows, row)
 
 
 def interpolate_root(bracket):

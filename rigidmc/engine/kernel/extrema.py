@@ -3,7 +3,7 @@
 A number whose slopes at two nodes have opposite signs has an extremum between them. It is found in
 three stages, each for the members that the previous stage leaves: by a parabola, by a cubic
 polynomial, and on the dense output, with one Newton step from there. A loop over all numbers makes
-each further number cheap to compile.
+each further number cheap to compile. A Node is as in `rigidmc.engine.kernel.monitoring`.
 """
 
 import sys
@@ -13,8 +13,7 @@ from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.derivatives import without_derivatives
 from rigidmc.engine.compiler.intrinsics import any_of
 from rigidmc.engine.kernel.dense_output import AHEAD, interpolate, make_interpolant, time_within
-from rigidmc.engine.kernel.events import levels_of, record_event
-from rigidmc.engine.kernel.layout import EVENT_ROWS
+from rigidmc.engine.kernel.events import following, levels_of, record_event
 from rigidmc.physics.dynamics.so3 import (
     axpy,
     axpy4,
@@ -26,7 +25,7 @@ from rigidmc.physics.dynamics.so3 import (
     select_all,
     touch_up,
 )
-from rigidmc.physics.observables.protocol import armed, extrema, extremum_limits, update
+from rigidmc.physics.observables.protocol import armed, dwell, extrema, extremum_limits, update
 from rigidmc.physics.observables.statistics import rest
 
 # How far a minimum may lie below its estimate, in units of the change of the slope: for an estimate
@@ -67,7 +66,7 @@ class SubInterval(NamedTuple):
 
 
 def numbers_at(events, running, step, t, q, l):
-    """Return the numbers of a Node, see `rigidmc.engine.kernel.monitoring.Node`."""
+    """Return the numbers of a Node: levels of events, then `extrema` of running observables."""
     body, effects = step.body, step.effects
     of_events = levels_of(events, body, effects, t, q, l)
     return concat(of_events, running_numbers(running, body, effects, t, q, l))
@@ -95,67 +94,56 @@ def widening(x):
     return WIDENING * x * (1.0 - x)
 
 
-def event_extrema(events, moves, step, interval, levels, values, slopes, next_values, next_slopes):
+def event_extrema(events, moves, step, interval, levels, before, now):
     """Return the Extremum of each event: of its level beyond 0, or one at which the event arms.
 
     levels : at the first node, 0 if the event cannot happen
-    values, slopes, next_values, next_slopes : levels and their slopes at the first node and at the
-        second
+    before, now : the Nodes
     """
     if len(levels) == 0:
         return ()
-    sign = select(values[0] < 0.0, -1.0, 1.0)
-    a, b = (sign * values[0], sign * slopes[0]), (sign * next_values[0], sign * next_slopes[0])
+    sign = select(before[0][0] < 0.0, -1.0, 1.0)
+    a, b = signed(sign, before[0]), signed(sign, now[0])
     peak = sign * tangent_bound(a, b, interval)
     # A level that rises and falls again below 0 may arm its event on the way.
     arms = (a[1] > 0.0) & (b[1] < 0.0) & (levels[0] == 0.0)
     arms = arms & armed(events[0], step.body, interval.q, interval.l, peak, peak != peak)
     mark = ((b[0] > 0.0) & may_dip(a, b, interval) | arms) & moves
-    first = Extremum(mark, select(slopes[0] < 0.0, 1.0, -1.0), select(arms, NO_LIMIT, 0.0))
-    others = event_extrema(
-        events[1:],
-        moves,
-        step,
-        interval,
-        levels[1:],
-        values[1:],
-        slopes[1:],
-        next_values[1:],
-        next_slopes[1:],
-    )
+    first = Extremum(mark, select(before[0][1] < 0.0, 1.0, -1.0), select(arms, NO_LIMIT, 0.0))
+    others = event_extrema(events[1:], moves, step, interval, levels[1:], before[1:], now[1:])
     return (first,) + others
 
 
-def running_extrema(running, moves, interval, totals, values, slopes, next_values, next_slopes):
+def signed(sign, point):
+    """Return a pair (number, slope), both times `sign`."""
+    return sign * point[0], sign * point[1]
+
+
+def running_extrema(running, moves, interval, totals, before, now):
     """Return the Extremum of each number of running observables, marked if it may change a state.
 
-    values, slopes, next_values, next_slopes : the numbers and their slopes at the first node and at
-        the second
+    before, now : the Nodes, without events
     """
-    if len(values) == 0:
+    if len(before) == 0:
         return ()
     limits = extremum_limits(running[0][0], totals[0])
-    first = observable_extrema(limits, moves, interval, values, slopes, next_values, next_slopes)
-    others = running_extrema(
-        running[1:], moves, interval, totals[1:], rest(limits, values), rest(limits, slopes),
-        rest(limits, next_values), rest(limits, next_slopes),
-    )  # fmt: skip
+    first = observable_extrema(limits, moves, interval, before, now)
+    ends = rest(limits, before), rest(limits, now)
+    others = running_extrema(running[1:], moves, interval, totals[1:], ends[0], ends[1])
     return concat(first, others)
 
 
-def observable_extrema(limits, moves, interval, values, slopes, next_values, next_slopes):
+def observable_extrema(limits, moves, interval, before, now):
     """Compute `running_extrema` of one observable; limits : from `extremum_limits`."""
     if len(limits) == 0:
         return ()
-    is_minimum = slopes[0] < 0.0
+    is_minimum = before[0][1] < 0.0
     # limits only decide, and some depend on no parameter: all of one type
     low, high = without_derivatives(limits[0][0]), without_derivatives(limits[0][1])
     sign, limit = select(is_minimum, 1.0, -1.0), select(is_minimum, low, -high)
-    a = sign * values[0] - limit, sign * slopes[0]
-    mark = may_dip(a, (sign * next_values[0] - limit, sign * next_slopes[0]), interval) & moves
-    others = observable_extrema(
-        limits[1:], moves, interval, values[1:], slopes[1:], next_values[1:], next_slopes[1:]
-    )
+    a = sign * before[0][0] - limit, sign * before[0][1]
+    mark = may_dip(a, (sign * now[0][0] - limit, sign * now[0][1]), interval) & moves
+    others = observable_extrema(limits[1:], moves, interval, before[1:], now[1:])
     return (Extremum(mark, sign, limit),) + others
 
 
@@ -203,7 +191,7 @@ def cubic_minimum(a, b, interval):
 
 
 def refine_extrema(
-    events, running, extrema, step, interval, before, now, befores, levels, totals, work, row
+    events, running, extrema, step, interval, before, now, befores, levels, totals, rows
 ):
     """Return (befores, levels, totals) after the extrema of a SubInterval.
 
@@ -219,17 +207,15 @@ def refine_extrema(
         for k in range(len(extrema)):
             extremum = item_at(extrema, k)
             sign = extremum.sign
-            a = item_at(before.numbers, k), sign * item_at(before.slopes, k)
-            b = item_at(now.numbers, k), sign * item_at(now.slopes, k)
-            ends = (sign * a[0], a[1]), (sign * b[0], b[1])
-            x, lowest = cubic_minimum(ends[0], ends[1], interval)
+            a, b = signed(sign, item_at(before, k)), signed(sign, item_at(now, k))
+            x, lowest = cubic_minimum(a, b, interval)
             margin = CUBIC_DOUBT * (interval.b - interval.a) * (b[1] - a[1])
             found = extremum.mark & (lowest - margin < extremum.limit)
             if any_of(found):
                 x, q, l = extremum_state(events, running, step, interval, k, sign, a[1], b[1], x)
                 totals = update_running(running, k - len(levels), found, step, x, q, l, totals)
                 befores, levels = record_extremum(
-                    events, k, found, step, x, q, l, befores, levels, work, row
+                    events, k, found, step, x, q, l, befores, levels, rows
                 )
     return befores, levels, totals
 
@@ -293,7 +279,7 @@ def update_one(limits, observable, k, found, step, x, q, l, totals):
     return totals
 
 
-def record_extremum(events, k, found, step, x, q, l, befores, levels, work, row):
+def record_extremum(events, k, found, step, x, q, l, befores, levels, rows):
     """Return (befores, levels) of events after an extremum of the level of event k.
 
     If the event has happened by then, it is recorded and may be rearmed.
@@ -304,15 +290,14 @@ def record_extremum(events, k, found, step, x, q, l, befores, levels, work, row)
     if k == 0:
         level = levels_of(events[:1], step.body, step.effects, time_within(step, x), q, l)[0]
         hit = found & (level * start <= 0.0) & (start != 0.0)
-        record_event(
-            events[0], hit, step, (before, widened), start, (1.0 - x, 0.0), level, work, row
-        )
+        start_back, wait = (before, widened), dwell(events[0])
+        record_event(wait, events[0], hit, step, start_back, start, (1.0 - x, 0.0), level, rows)
         restarts = hit | (found & (start == 0.0))
         rearmed = select(armed(events[0], step.body, q, l, level, level != level), level, 0.0)
         before, widened = select(restarts, 1.0 - x, before), select(restarts, 0.0, widened)
         start = select(restarts, rearmed, start)
     others = record_extremum(
-        events[1:], k - 1, found, step, x, q, l, befores[1:], levels[1:], work, row + EVENT_ROWS
+        events[1:], k - 1, found, step, x, q, l, befores[1:], levels[1:], following(rows)
     )
     return ((before, widened),) + others[0], (start,) + others[1]
 

@@ -12,26 +12,12 @@ import math
 import sys
 
 from rigidmc.engine.compiler.compose import inline_all
-from rigidmc.engine.compiler.derivatives import change_of, moving, without_derivatives
+from rigidmc.engine.compiler.derivatives import change_of
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
 from rigidmc.engine.compiler.memory import four_at, put_rows, three_at, tuple_at
 from rigidmc.engine.compiler.trees import tree_unpack
-from rigidmc.engine.kernel.layout import (  # fmt: skip
-    ATTITUDE,
-    GOOD_STATE,
-    MEMBER_ROWS,
-    MEMBER_STEPS,
-    RECORDED,
-    ROUND_START,
-    START,
-    STEP_LENGTH,
-    SUMS,
-    WEIGHT,
-    body_and_effects,
-    momentum_at,
-    opening_substep,
-    put_stepping,
-)
+from rigidmc.engine.kernel import layout
+from rigidmc.engine.kernel.events import first_values, moving_each
 from rigidmc.physics.dynamics.euler import kinetic_energy
 from rigidmc.physics.dynamics.functions import logarithm
 from rigidmc.physics.dynamics.so3 import dot, first_three, scale, select
@@ -39,7 +25,7 @@ from rigidmc.physics.effects.sums import total_energy_scale, total_torque
 from rigidmc.physics.integrators.protocol import from_stepping, to_stepping
 from rigidmc.physics.observables.chaos import TORQUE_TRIALS
 
-_STATE = (0.0,) * START  # marks of the numbers of a state that steps move
+_STATE = (0.0,) * layout.START  # marks of the numbers of a state that steps move
 
 
 def begin_growth(tree, numbers, substeps, state, work, row, duration):
@@ -48,8 +34,8 @@ def begin_growth(tree, numbers, substeps, state, work, row, duration):
     row : first of the rows of growth in `work`;  duration : of the run [s]
     """
     integrator, effects = tree_unpack(tree, numbers)
-    body, present = body_and_effects(effects, work)
-    q, l = four_at(work, MEMBER_ROWS + GOOD_STATE), three_at(work, MEMBER_ROWS + GOOD_STATE + 4)
+    body, present = layout.body_and_effects(effects, work)
+    q, l = layout.good_pose(work)
     lightest = min(min(body.i1, body.i2), body.i3)
     weight = 0.5 * lightest / energy_measure(present, body, lightest, q, l, duration)
     size = 1.0 / math.sqrt(weight)
@@ -64,10 +50,12 @@ def begin_growth(tree, numbers, substeps, state, work, row, duration):
     )
     dl = 0.54 * size, 0.47 * size, 0.25 * size
     t, substep = opening_after(substeps, work, 0.0)
-    q, l = to_stepping(integrator, body, present, t, substep, moved(q, dq), moved(l, dl))
-    put_stepping(in_precision(q, state), in_precision(l, state), state)
-    put_rows((0.0 * weight, 0.0 * weight, 0.0 * weight), work, row + SUMS)
-    put_rows((0.0 * weight, weight), work, row + RECORDED)
+    q, l = to_stepping(
+        integrator, body, present, t, substep, moving_each(q, dq), moving_each(l, dl)
+    )
+    layout.put_stepping(in_precision(q, state), in_precision(l, state), state)
+    put_rows((0.0 * weight, 0.0 * weight, 0.0 * weight), work, row + layout.SUMS)
+    put_rows((0.0 * weight, weight), work, row + layout.RECORDED)
     return 0
 
 
@@ -100,51 +88,39 @@ def record_growth(tree, numbers, substeps, state, work, row, slot, is_planned):
     Between two records the length is assumed to grow at one rate: the integrals over it are exact.
     """
     integrator, effects = tree_unpack(tree, numbers)
-    body, present = body_and_effects(effects, work)
+    body, present = layout.body_and_effects(effects, work)
     t, substep = opening_after(substeps, work, slot)
-    q, l = in_precision(four_at(state, ATTITUDE), work), momentum_at(integrator, state)
-    q, l = from_stepping(integrator, body, present, t, substep, q, in_precision(l, work))
+    q = in_precision(four_at(state, layout.ATTITUDE), work)
+    l = in_precision(layout.momentum_at(integrator, state), work)
+    q, l = from_stepping(integrator, body, present, t, substep, q, l)
     dq, dl = changes_of(q), changes_of(first_three(l))
-    weight, before = work[row + WEIGHT], work[row + RECORDED]
+    weight, before = work[row + layout.WEIGHT], work[row + layout.RECORDED]
     square = 4.0 * (dq[0] * dq[0] + dq[1] * dq[1] + dq[2] * dq[2] + dq[3] * dq[3])
     square = square + weight * dot(dl, dl)
-    now = work[ROUND_START] + min(work[MEMBER_STEPS], slot) * work[STEP_LENGTH]
+    now = work[layout.ROUND_START] + min(work[layout.MEMBER_STEPS], slot) * work[layout.STEP_LENGTH]
     # A member that waits for others to end the round has its record already.
-    is_due = (now > before) & (select(work[MEMBER_STEPS] <= slot, 1.0, is_planned) > 0.0)
+    is_due = (now > before) & (select(work[layout.MEMBER_STEPS] <= slot, 1.0, is_planned) > 0.0)
     growth = select(is_due, 0.5 * logarithm(square), 0.0)
     shrink = cast_like(select(is_due, 1.0 / math.sqrt(square), 1.0), state)
-    rows = tuple_at(_STATE, state, ATTITUDE)
-    put_rows(moved(values_of(rows), scale(shrink, changes_of(rows))), state, ATTITUDE)
-    sums, midpoint = three_at(work, row + SUMS), 0.5 * (now + before)
+    rows = tuple_at(_STATE, state, layout.ATTITUDE)
+    shrunk = moving_each(first_values(rows), scale(shrink, changes_of(rows)))
+    put_rows(shrunk, state, layout.ATTITUDE)
+    sums, midpoint = three_at(work, row + layout.SUMS), 0.5 * (now + before)
     # S = int (d'/d) s ds and int 2 S/s ds
     has_records, since = before > 0.0, select(is_due, now - before, 1.0)
     # 1 s avoids 0/0 before the first record
     log_ratio = logarithm(select(has_records, now / select(has_records, before, 1.0), 1.0))
     rest = sums[1] - growth * (0.5 * before * before / since)
     mean_growth = sums[2] + select(is_due, 2.0 * rest * log_ratio + midpoint * growth, 0.0)
-    put_rows((sums[0] + growth, sums[1] + midpoint * growth, mean_growth), work, row + SUMS)
-    work[row + RECORDED] = select(is_due, now, before)
+    put_rows((sums[0] + growth, sums[1] + midpoint * growth, mean_growth), work, row + layout.SUMS)
+    work[row + layout.RECORDED] = select(is_due, now, before)
     return 0
 
 
 def opening_after(substeps, work, slot):
     """Return (time of the torque, times of row 0) for a state after `slot` steps of a round."""
-    h, done = work[STEP_LENGTH], min(work[MEMBER_STEPS], slot)
-    return work[ROUND_START] + (done + substeps[3]) * h, opening_substep(substeps, h)
-
-
-def moved(values, changes):
-    """Return numbers with these values and changes."""
-    if len(values) == 0:
-        return ()
-    return (moving(values[0], changes[0]),) + moved(values[1:], changes[1:])
-
-
-def values_of(numbers):
-    """Return the values of numbers with changes."""
-    if len(numbers) == 0:
-        return ()
-    return (without_derivatives(numbers[0]),) + values_of(numbers[1:])
+    h, done = work[layout.STEP_LENGTH], min(work[layout.MEMBER_STEPS], slot)
+    return work[layout.ROUND_START] + (done + substeps[3]) * h, layout.opening_substep(substeps, h)
 
 
 def changes_of(numbers):

@@ -13,19 +13,7 @@ from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
 from rigidmc.engine.compiler.memory import put_rows, tuple_at, without_tangents
 from rigidmc.engine.compiler.trees import tree_size, tree_unpack
-from rigidmc.engine.kernel.layout import (  # fmt: skip
-    ATTITUDE,
-    EFFECTS_AT,
-    EVENT_ROWS,
-    EXTRA,
-    MEMBER_STEPS,
-    ROUND_START,
-    STEP_LENGTH,
-    body_and_effects,
-    extra_flags,
-    extra_row,
-    opening_substep,
-)
+from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.member import state_in_double
 from rigidmc.engine.kernel.running import put_states, states_at
 from rigidmc.physics.dynamics.so3 import concat, first_three
@@ -42,21 +30,22 @@ def change_length(
     round_start, h, member_steps : as in `rigidmc.engine.kernel.member.gather`, for these steps
     """
     integrator, effects, compensated, work_flags = tree_unpack(tree, numbers)
-    body, present = body_and_effects(effects, work)
-    row = extra_row(extra_state(integrator), EFFECTS_AT + tree_size(effects))
+    body, present = layout.body_and_effects(effects, work)
+    row = layout.extra_row(extra_state(integrator), layout.EFFECTS_AT + tree_size(effects))
     q, l = state_in_double(state, work, compensated)
-    extra = tuple_at(extra_flags(extra_state(integrator), work_flags), state, row)
+    extra = tuple_at(layout.extra_flags(extra_state(integrator), work_flags), state, row)
     l = concat(l, in_precision(extra, work))
     times = without_tangents(work)
-    old_h, steps_done = times[STEP_LENGTH], min(times[MEMBER_STEPS], slot)
-    t = times[ROUND_START] + (steps_done + substeps[3]) * old_h
-    q, l = from_stepping(integrator, body, present, t, opening_substep(substeps, old_h), q, l)
+    old_h, steps_done = times[layout.STEP_LENGTH], min(times[layout.MEMBER_STEPS], slot)
+    t = times[layout.ROUND_START] + (steps_done + substeps[3]) * old_h
+    opening = layout.opening_substep(substeps, old_h)
+    q, l = from_stepping(integrator, body, present, t, opening, q, l)
     new_h = member_length(times, h, member_steps)
-    first_step = min(times[MEMBER_STEPS], new_slot)
+    first_step = min(times[layout.MEMBER_STEPS], new_slot)
     # The opening substep is undone with the old length and redone with the new one.
     t = cast_like(round_start, times) + (first_step + substeps[3]) * new_h
-    q, l = to_stepping(integrator, body, present, t, opening_substep(substeps, new_h), q, l)
-    put_rows(in_precision(q + first_three(l), state), state, ATTITUDE)
+    q, l = to_stepping(integrator, body, present, t, layout.opening_substep(substeps, new_h), q, l)
+    put_rows(in_precision(q + first_three(l), state), state, layout.ATTITUDE)
     put_rows(in_precision(l[3:], state), state, row)
     clear_remainders(compensated, state)
     return 0
@@ -65,19 +54,19 @@ def change_length(
 def clear_remainders(compensated, state):
     """Set the remainders of sums to 0, if any: `state_in_double` has added them."""
     if len(compensated) > 0:
-        put_rows((0.0,) * 7, state, EXTRA)
+        put_rows((0.0,) * 7, state, layout.EXTRA)
     return 0
 
 
 def member_length(work, h, member_steps):
     """Return the length of a member's step: h, or its fraction of a round of length h."""
-    return h / work[MEMBER_STEPS] if member_steps != 0 else cast_like(h, work)
+    return h / work[layout.MEMBER_STEPS] if member_steps != 0 else cast_like(h, work)
 
 
 def reweigh(tree, numbers, work, row, longer):
     """Count each step so far as `longer` steps of the last interval in all sums over steps."""
     events, running = tree_unpack(tree, numbers)
-    row += EVENT_ROWS * len(events)
+    row += layout.EVENT_ROWS * len(events)
     put_states(reweigh_states(running, states_at(running, work, row), longer), work, row)
     return 0
 

@@ -13,11 +13,13 @@ from itertools import accumulate
 from typing import Any, NamedTuple
 
 from rigidmc.engine.compiler.compose import inline_all
+from rigidmc.engine.compiler.intrinsics import in_precision
 from rigidmc.engine.compiler.memory import (
     four_at,
     of_body,
     of_effects,
     put_rows,
+    shifted,
     three_at,
     tuple_at,
 )
@@ -55,10 +57,16 @@ _block = _RowCounter()
 ATTITUDE = _block.take(4)  # a quaternion
 MOMENTUM = _block.take(3)
 EXTRA = _block.take(7)  # remainders of the sums of both, or extra state of the integrator
-# At the start: energy, its scale, |L|^2, energies in play, L_z, the largest |L|^2 that these
-# energies allow. Since then: the largest kinetic energies at planned assessments and at all, see
-# `rigidmc.engine.kernel.member.largest_kinetic_energy`.
-START = _block.take(8)
+START = _block.end  # the rows before are those of a state
+START_ENERGY = _block.take(1)
+ENERGY_SCALE = _block.take(1)  # of drifts of the energy
+START_L2 = _block.take(1)  # |L|^2
+ENERGY_IN_PLAY = _block.take(1)
+START_LZ = _block.take(1)
+MAX_L2 = _block.take(1)  # the largest |L|^2 that the energies in play allow
+# the largest kinetic energies since then, see `rigidmc.engine.kernel.member.largest_kinetic_energy`
+PLANNED_KINETIC = _block.take(1)  # at planned assessments
+MAX_KINETIC = _block.take(1)  # at all
 DRIFT = _block.take(2)  # largest drifts of energy and of |L|^2 so far
 STATUS = _block.take(1)  # see STATUSES
 GOOD_STEP = _block.take(1)  # step of the last good state
@@ -83,6 +91,7 @@ BODY_AT, EFFECTS_AT = START, START + EFFECTS - BODY
 # Rows of `work`: further numbers of a member; from MEMBER_ROWS on, the rows of its block.
 _work = _RowCounter()
 CHECKED_STATE = _work.take(7)  # the true state at the last assessment
+BRACKET, FRACTION = CHECKED_STATE, CHECKED_STATE + 4  # of a step back to an event
 CHECKED_ENERGY = _work.take(2)  # energy and |L|^2 there
 IS_STOPPED = _work.take(1)  # whether an event has stopped the member
 STOPPED_STATE = _work.take(7)  # the state at the end of the step in which the event stopped it
@@ -105,6 +114,7 @@ DWELL_START = SQUARES  # of an event with a dwell time, which needs no squares
 # step's end, as a fraction of the step, and its level; the same for the earlier end; q and L at the
 # step's end.
 RECORD_ROWS = 12
+RECORD_POSE = 5  # the row of q and L in a record
 RECORDS = _event.take(2 * RECORD_ROWS)  # of the first and of the last
 EVENT_ROWS = _event.end
 
@@ -174,6 +184,26 @@ def body_at(rows, row):
     return tree_unflatten(_BODY, rows, row)
 
 
+def member_rows(work):
+    """Return the rows of a block that `work` contains."""
+    return shifted(work, MEMBER_ROWS)
+
+
+def pose_at(rows, row):
+    """Return (q, L) from seven rows."""
+    return four_at(rows, row), three_at(rows, row + 4)
+
+
+def precise_pose_at(rows, row, other):
+    """Return (q, L) from seven rows, in the precision of the rows `other`."""
+    return in_precision(four_at(rows, row), other), in_precision(three_at(rows, row + 4), other)
+
+
+def good_pose(work):
+    """Return (q, L) of members when they were last ok."""
+    return pose_at(member_rows(work), GOOD_STATE)
+
+
 def body_and_effects(effects, work):
     """Return the MassProperties and the effects with the members' numbers, from their rows."""
     body = body_at(of_body(work), MEMBER_ROWS + BODY)
@@ -200,26 +230,21 @@ def opening_substep(substeps, h):
 
 def state_at(state, compensated, extra, row):
     """Return (q, L) with the extra numbers after L; pairs (value, remainder) if `compensated`."""
+    q, l = pose_at(state, ATTITUDE)
     if len(compensated) == 0:
-        l = concat(three_at(state, MOMENTUM), tuple_at(extra, state, row))
-        return four_at(state, ATTITUDE), l
-    return (four_at(state, ATTITUDE), four_at(state, EXTRA)), (
-        three_at(state, MOMENTUM),
-        three_at(state, EXTRA + 4),
-    )
+        return q, concat(l, tuple_at(extra, state, row))
+    q_remainder, l_remainder = pose_at(state, EXTRA)
+    return (q, q_remainder), (l, l_remainder)
 
 
 def put_state(q, l, state, compensated, row):
     """Write the rows that `state_at` reads."""
     if len(compensated) == 0:
-        put_rows(q, state, ATTITUDE)
-        put_rows(first_three(l), state, MOMENTUM)
+        put_rows(q + first_three(l), state, ATTITUDE)
         put_rows(l[3:], state, row)
     else:
-        put_rows(q[0], state, ATTITUDE)
-        put_rows(q[1], state, EXTRA)
-        put_rows(l[0], state, MOMENTUM)
-        put_rows(l[1], state, EXTRA + 4)
+        put_rows(q[0] + l[0], state, ATTITUDE)
+        put_rows(q[1] + l[1], state, EXTRA)
     return 0
 
 

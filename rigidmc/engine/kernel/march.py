@@ -28,18 +28,7 @@ from rigidmc.engine.compiler.trees import (
     tree_unpack,
     with_noise,
 )
-from rigidmc.engine.kernel.layout import (  # fmt: skip
-    BODY_AT,
-    EFFECTS_AT,
-    INDEX,
-    ROUND_START,
-    STEP_LENGTH,
-    body_at,
-    extra_flags,
-    extra_row,
-    put_state,
-    state_at,
-)
+from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.member import next_attitude
 from rigidmc.engine.kernel.noise import normal_deviates
 from rigidmc.physics.dynamics.functions import as_word
@@ -60,8 +49,8 @@ def march(
     """
     parts = tree_unpack(tree, numbers)
     integrator, effects, attitude, compensated, work_flags, groups, several, paired = parts
-    extra = extra_flags(extra_state(integrator), work_flags)
-    row = extra_row(extra_state(integrator), EFFECTS_AT + tree_size(effects))
+    extra = layout.extra_flags(extra_state(integrator), work_flags)
+    row = layout.extra_row(extra_state(integrator), layout.EFFECTS_AT + tree_size(effects))
     states = load_groups(groups, groups, 0, compensated, extra, row, state)
     fixed = make_constants(integrator, effects, substeps, states, groups, 0, state, work)
     the_substep = substep_at(1, substeps)
@@ -131,11 +120,12 @@ def make_constants(integrator, effects, substeps, states, groups, i, state, work
     if len(states) == 0:
         return ()
     rows, member = group_of(state, groups, i), without_tangents(group_of(work, groups, i))
-    body, h = body_at(of_body(rows), BODY_AT), cast_like(member[STEP_LENGTH], rows)
+    length, began = member[layout.STEP_LENGTH], member[layout.ROUND_START]
+    body, h = layout.body_at(of_body(rows), layout.BODY_AT), cast_like(length, rows)
     substep = substeps[4] * h, substeps[5] * h, substeps[6] * h
     precomputed = precompute(integrator, body, substep, states[0][1])
-    present, began = tree_unflatten(effects, of_effects(rows), EFFECTS_AT), member[ROUND_START]
-    first = StepConstants(body, present, began, member[STEP_LENGTH], h, member[INDEX], precomputed)
+    present = tree_unflatten(effects, of_effects(rows), layout.EFFECTS_AT)
+    first = StepConstants(body, present, began, length, h, member[layout.INDEX], precomputed)
     rest = make_constants(integrator, effects, substeps, states[1:], groups, i + 1, state, work)
     return (first,) + rest
 
@@ -144,7 +134,7 @@ def load_groups(left, groups, i, compensated, extra, row, state):
     """Return (q, L) of each group, from the rows of the state; `left` counts the groups to come."""
     if len(left) == 0:
         return ()
-    first = state_at(group_of(state, groups, i), compensated, extra, row)
+    first = layout.state_at(group_of(state, groups, i), compensated, extra, row)
     return (first,) + load_groups(left[1:], groups, i + 1, compensated, extra, row, state)
 
 
@@ -194,7 +184,7 @@ def store_groups(left, groups, i, states, compensated, row, state):
     """Write the states of all groups to their rows."""
     if len(left) == 0:
         return 0
-    put_state(states[0][0], states[0][1], group_of(state, groups, i), compensated, row)
+    layout.put_state(states[0][0], states[0][1], group_of(state, groups, i), compensated, row)
     return store_groups(left[1:], groups, i + 1, states[1:], compensated, row, state)
 
 

@@ -30,38 +30,11 @@ from rigidmc.engine.compiler.memory import (
     without_tangents,
 )
 from rigidmc.engine.compiler.trees import tree_size, tree_unflatten, tree_unpack
-from rigidmc.engine.kernel.layout import (  # fmt: skip
-    ATTITUDE,
-    BODY,
-    BODY_AT,
-    CHECKED_STATE,
-    DRIFT,
-    EARLY_DRIFT,
-    EFFECTS,
-    EFFECTS_AT,
-    EXTRA,
-    FAULT_STEP,
-    GOOD_STATE,
-    GOOD_STEP,
-    IS_STOPPED,
-    LATE_DRIFT,
-    MEMBER_ROWS,
-    MEMBER_STEPS,
-    MOMENTUM,
-    ROUND_START,
-    START,
-    STATUS,
-    STEP_LENGTH,
-    STEPS,
-    STOPPED_STATE,
-    body_and_effects,
-    extra_flags,
-    extra_row,
-    observed_body_and_effects,
-    opening_substep,
-)
+from rigidmc.engine.kernel import layout
 from rigidmc.physics.dynamics.euler import angular_velocity, kinetic_energy
 from rigidmc.physics.dynamics.so3 import (
+    add,
+    add4,
     concat,
     dot,
     first_three,
@@ -87,27 +60,29 @@ from rigidmc.physics.observables.protocol import observed
 UNLIMITED = 1e300  # steps of a round, for members without their own number
 
 
-def gather(tree, numbers, block, rows, members, low, member_steps, h, round_time, state, work):
+def gather(tree, numbers, block, rows, members, low, member_steps, h, round_start, state, work):
     """Copy the rows of the members from `low` on from a block (rows, members) to `state` and
     `work`.
 
     member_steps : whether members have their own steps, which then divide a round of length h
-    round_time : when the round began [s]
+    round_start : when the round began [s]
     """
+    member = layout.member_rows(work)
     for row in range(rows):
         x = load_lanes(work, block, row * members + low)
-        work[MEMBER_ROWS + row] = x
-        if row < START:
+        member[row] = x
+        if row < layout.START:
             state[row] = cast_like(x, state)
-        if row >= BODY:
-            state[BODY_AT + row - BODY] = cast_like(x, state)
+        if row >= layout.BODY:
+            state[layout.BODY_AT + row - layout.BODY] = cast_like(x, state)
     own = member_steps != 0
-    steps = load_lanes(work, block, STEPS * members + low) if own else cast_like(UNLIMITED, work)
+    place = layout.STEPS * members + low
+    steps = load_lanes(work, block, place) if own else cast_like(UNLIMITED, work)
     # Without its own steps a member never finishes its round, so `march` needs no branch for it.
-    work[MEMBER_STEPS] = steps
-    work[STEP_LENGTH] = h / steps if own else cast_like(h, work)
-    work[ROUND_START] = cast_like(round_time, work)
-    work[IS_STOPPED] = cast_like(0.0, work)
+    work[layout.MEMBER_STEPS] = steps
+    work[layout.STEP_LENGTH] = h / steps if own else cast_like(h, work)
+    work[layout.ROUND_START] = cast_like(round_start, work)
+    work[layout.IS_STOPPED] = cast_like(0.0, work)
     return 0
 
 
@@ -117,27 +92,27 @@ def scatter(tree, numbers, block, rows, members, low, works, work_row, done, sta
     works : number of works, in the rows from `work_row` of the block on, followed by the last good
         ones
     """
+    member = layout.member_rows(work)
     for row in range(rows):
         place = row * members + low
-        if row < START:
-            last = done != 0 and row < EXTRA
-            x = work[MEMBER_ROWS + GOOD_STATE + row] if last else cast_like(state[row], work)
+        if row < layout.START:
+            last = done != 0 and row < layout.EXTRA
+            x = member[layout.GOOD_STATE + row] if last else cast_like(state[row], work)
             store_lanes(block, place, x)
-        elif row < BODY or row >= work_row + works:
-            store_lanes(block, place, work[MEMBER_ROWS + row])
+        elif row < layout.BODY or row >= work_row + works:
+            store_lanes(block, place, member[row])
         elif row >= work_row:
-            now = cast_like(state[BODY_AT + row - BODY], work)
-            store_lanes(block, place, work[MEMBER_ROWS + row + works] if done != 0 else now)
+            now = cast_like(state[layout.BODY_AT + row - layout.BODY], work)
+            store_lanes(block, place, member[row + works] if done != 0 else now)
     return 0
 
 
 def initialise(tree, numbers, substeps, state, work):
     """Record energy and momentum of the start, classify it, and convert it to stepping form."""
     integrator, effects, limits, work_flags = tree_unpack(tree, numbers)
-    body, present = body_and_effects(effects, work)
-    q, l = four_at(work, MEMBER_ROWS + ATTITUDE), three_at(work, MEMBER_ROWS + MOMENTUM)
-    times = without_tangents(work)
-    h = times[STEP_LENGTH]
+    body, present = layout.body_and_effects(effects, work)
+    member, times = layout.member_rows(work), without_tangents(work)
+    (q, l), h = layout.pose_at(member, layout.ATTITUDE), times[layout.STEP_LENGTH]
     kinetic, l2 = kinetic_energy(body, l), dot(l, l)
     energy = kinetic + total_energy(present, body, q)
     # a custom potential may state no bound
@@ -147,34 +122,30 @@ def initialise(tree, numbers, substeps, state, work):
     energy_scale = maximum(abs(energy), 1e-3 * energy_in_play)
     max_l2 = 2.0 * energy_in_play / min(min(body.i1, body.i2), body.i3)
     start = energy, energy_scale, l2, energy_in_play, dot(vertical(q), l), max_l2
-    put_rows(start, work, MEMBER_ROWS + START)
-    put_rows((0.0 * kinetic, 0.0 * kinetic), work, MEMBER_ROWS + START + 6)
+    put_rows(start, member, layout.START)
+    # and MAX_KINETIC, the row after it
+    put_rows((0.0 * kinetic, 0.0 * kinetic), member, layout.PLANNED_KINETIC)
 
-    not_finite = select(is_finite(q, l, energy, l2), 0.0, 1.0)
-    omega = angular_velocity(body, l)
-    fault = classify_state(
-        limits, not_finite, work, work_flags, (), 0.0, q, l, omega, h, energy, l2
-    )
-    status = work[MEMBER_ROWS + STATUS]
-    status = select(status == 0.0, fault, status)
+    fault = classify_state(limits, member, work_flags, (), 0.0, body, q, l, h, energy, l2)
+    status = select(member[layout.STATUS] == 0.0, fault, member[layout.STATUS])
     healthy = status == 0.0
     # nan marks unmeasured drifts, and inf the minimum of no drifts.
     drift, smallest = select(healthy, 0.0, math.nan), select(healthy, math.inf, math.nan)
-    put_rows((drift, drift, status, 0.0, select(healthy, -1.0, 0.0)), work, MEMBER_ROWS + DRIFT)
-    put_rows((drift, drift, smallest, smallest), work, MEMBER_ROWS + EARLY_DRIFT)
-    put_rows(q + l, work, MEMBER_ROWS + GOOD_STATE)
+    put_rows((drift, drift, status, 0.0, select(healthy, -1.0, 0.0)), member, layout.DRIFT)
+    put_rows((drift, drift, smallest, smallest), member, layout.EARLY_DRIFT)
+    put_rows(q + l, member, layout.GOOD_STATE)
 
-    l = concat(l, tuple_at(work_flags, work, MEMBER_ROWS + EFFECTS + tree_size(effects)))
-    t, substep = times[ROUND_START] + substeps[3] * h, opening_substep(substeps, h)
+    l = concat(l, tuple_at(work_flags, member, layout.EFFECTS + tree_size(effects)))
+    t, substep = times[layout.ROUND_START] + substeps[3] * h, layout.opening_substep(substeps, h)
     q, l = to_stepping(integrator, body, present, t, substep, q, l)
-    put_rows(in_precision(q + first_three(l), state), state, ATTITUDE)
-    row = extra_row(extra_state(integrator), EFFECTS_AT + tree_size(effects))
+    put_rows(in_precision(q + first_three(l), state), state, layout.ATTITUDE)
+    row = layout.extra_row(extra_state(integrator), layout.EFFECTS_AT + tree_size(effects))
     put_rows(in_precision(l[3:], state), state, row)
     return 0
 
 
-def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
-    """Assess the state after `slot` steps of a round, `rounds` of which are done.
+def assess(tree, numbers, substeps, state, work, rounds_done, slot, late, planned):
+    """Assess the state after `slot` steps of a round, `rounds_done` of which are done.
 
     late : 1 in the second half of the run, else 0
     planned : 0 if only a save requested the assessment, else 1
@@ -186,44 +157,46 @@ def assess(tree, numbers, substeps, state, work, rounds, slot, late, planned):
     Return 0 if all members are stopped or frozen, else 1.
     """
     integrator, effects, attitude, compensated, limits, work_flags = tree_unpack(tree, numbers)
-    body, present = body_and_effects(effects, work)
-    work_row = EFFECTS_AT + tree_size(effects)
-    good_work_row = MEMBER_ROWS + EFFECTS + tree_size(effects) + len(work_flags)
-    times = without_tangents(work)
-    h, steps_done = times[STEP_LENGTH], min(times[MEMBER_STEPS], slot)
+    body, present = layout.body_and_effects(effects, work)
+    work_row = layout.EFFECTS_AT + tree_size(effects)
+    good_work_row = layout.EFFECTS + tree_size(effects) + len(work_flags)
+    member, times = layout.member_rows(work), without_tangents(work)
+    # A member that has made its own steps waits for the slowest of its round: its time stands.
+    h, steps_done = times[layout.STEP_LENGTH], min(times[layout.MEMBER_STEPS], slot)
+    # In float64, whatever the precision of the steps: in float32 the energy itself is rounded by
+    # 6e-8, more than the drifts to be seen.
     q, l = state_in_double(state, work, compensated)
-    extra = extra_flags(extra_state(integrator), work_flags)
-    row = extra_row(extra_state(integrator), work_row)
+    extra = layout.extra_flags(extra_state(integrator), work_flags)
+    row = layout.extra_row(extra_state(integrator), work_row)
     l = concat(l, in_precision(tuple_at(extra, state, row), work))
-    t = times[ROUND_START] + (steps_done + substeps[3]) * h
-    q, l = from_stepping(integrator, body, present, t, opening_substep(substeps, h), q, l)
-    works, stopped = l[3:], work[IS_STOPPED] > 0.0
-    q = next_attitude(attitude, q, four_at(work, MEMBER_ROWS + GOOD_STATE))
-    q = select_all(stopped, four_at(work, STOPPED_STATE), q)
-    l = select_all(stopped, three_at(work, STOPPED_STATE + 4), first_three(l))
+    t = times[layout.ROUND_START] + (steps_done + substeps[3]) * h
+    q, l = from_stepping(integrator, body, present, t, layout.opening_substep(substeps, h), q, l)
+    # The lane of a stopped member goes on with the others: its state is that of its last step.
+    works, stopped = l[3:], work[layout.IS_STOPPED] > 0.0
+    q = next_attitude(attitude, q, four_at(member, layout.GOOD_STATE))
+    stopped_q, stopped_l = layout.pose_at(work, layout.STOPPED_STATE)
+    q, l = select_all(stopped, stopped_q, q), select_all(stopped, stopped_l, first_three(l))
     energy, l2 = kinetic_energy(body, l) + total_energy(present, body, q), dot(l, l)
-    put_rows(q + l + (energy, l2), work, CHECKED_STATE)
+    put_rows(q + l + (energy, l2), work, layout.CHECKED_STATE)
 
     kinetic = kinetic_energy(body, l)
-    # Saved drifts use only the maximum over planned assessments (row 6): including saves, it would
-    # depend on how often something else is saved.
+    # Saved drifts use only the maximum over planned assessments: including saves, it would depend
+    # on how often something else is saved.
     untracked = has_untracked(work_flags)
-    planned_kinetic = largest_kinetic_energy(untracked, work, 6, kinetic)
-    max_kinetic = largest_kinetic_energy(untracked, work, 7, kinetic)
-    row_6 = MEMBER_ROWS + START + 6
-    work[row_6] = select(planned > 0.0, planned_kinetic, work[row_6])
-    work[MEMBER_ROWS + START + 7] = max_kinetic
-    start = start_values(work, work_flags, works, max_kinetic, l2)
-    not_finite = select(is_finite(q, l, energy, l2), 0.0, 1.0)
-    omega = angular_velocity(body, l)
+    planned_max = largest_kinetic_energy(untracked, member, layout.PLANNED_KINETIC, kinetic)
+    max_kinetic = largest_kinetic_energy(untracked, member, layout.MAX_KINETIC, kinetic)
+    planned_max = select(planned > 0.0, planned_max, member[layout.PLANNED_KINETIC])
+    member[layout.PLANNED_KINETIC] = planned_max
+    member[layout.MAX_KINETIC] = max_kinetic
+    start = start_values(member, work_flags, works, max_kinetic, l2)
     fault = classify_state(
-        limits, not_finite, work, work_flags, works, max_kinetic, q, l, omega, h, energy, l2
+        limits, member, work_flags, works, max_kinetic, body, q, l, h, energy, l2
     )
-    steps = rounds * times[MEMBER_STEPS] + steps_done
-    good = update_status(fault, start, energy, l2, steps, q, l, work, late)
-    frozen = work[MEMBER_ROWS + STATUS] > 0.0
-    last_good = tuple_at(work_flags, work, good_work_row)
-    keep_good_works(frozen, last_good, works, work, good_work_row, state, work_row)
+    steps = rounds_done * times[layout.MEMBER_STEPS] + steps_done
+    good = update_status(fault, start, energy, l2, steps, q, l, member, late)
+    frozen = member[layout.STATUS] > 0.0
+    last_good = tuple_at(work_flags, member, good_work_row)
+    keep_good_works(frozen, last_good, works, member, good_work_row, state, work_row)
     # The true state, in rows for the stepping form: whatever steps make of it, the next assessment
     # resets it, and nothing else reads it.
     restore_good(frozen | stopped, good, state)
@@ -237,12 +210,13 @@ def record(tree, numbers, work, axes_row, out, at, width, t, skips_cache, tangen
     skips_cache, tangent, apart : as in `store_rows`
     """
     observables, effects, work_flags, axes = tree_unpack(tree, numbers)
-    body, present = observed_body_and_effects(effects, axes, work, axes_row)
-    works = tuple_at(work_flags, work, MEMBER_ROWS + EFFECTS + tree_size(effects) + len(work_flags))
-    q, l = four_at(work, MEMBER_ROWS + GOOD_STATE), three_at(work, MEMBER_ROWS + GOOD_STATE + 4)
-    kinetic = kinetic_energy(body, l)
-    max_kinetic = largest_kinetic_energy(has_untracked(work_flags), work, 6, kinetic)
-    start = start_values(work, work_flags, works, max_kinetic, dot(l, l))
+    body, present = layout.observed_body_and_effects(effects, axes, work, axes_row)
+    member = layout.member_rows(work)
+    works = tuple_at(work_flags, member, layout.EFFECTS + tree_size(effects) + len(work_flags))
+    q, l = layout.pose_at(member, layout.GOOD_STATE)
+    untracked, kinetic = has_untracked(work_flags), kinetic_energy(body, l)
+    max_kinetic = largest_kinetic_energy(untracked, member, layout.PLANNED_KINETIC, kinetic)
+    start = start_values(member, work_flags, works, max_kinetic, dot(l, l))
     target = out, at, width, skips_cache, tangent, apart
     write_values(observables, body, present, t, q, l, start, works, work, target)
     return 0
@@ -262,22 +236,22 @@ def is_finite(q, l, energy, l2):
     return 0.0 * (energy + l2 + q[0] + q[1] + q[2] + q[3]) == 0.0
 
 
-def largest_kinetic_energy(untracked, work, row, kinetic):
+def largest_kinetic_energy(untracked, member, row, kinetic):
     """Return the largest kinetic energy so far if it counts among the energies in play, else 0.
 
     It counts for bodies that start with no energies in play, and where drifts are corrected for
     works.
 
     untracked : ON if an effect has no energy
-    row : 6 for planned assessments, 7 for all
+    row : PLANNED_KINETIC or MAX_KINETIC
     """
-    largest = maximum(work[MEMBER_ROWS + START + row], kinetic)
+    largest = maximum(member[row], kinetic)
     if len(untracked) == 0:
-        return select(work[MEMBER_ROWS + START + 3] == 0.0, largest, 0.0)
+        return select(member[layout.ENERGY_IN_PLAY] == 0.0, largest, 0.0)
     return largest
 
 
-def start_values(work, work_flags, works, max_kinetic, l2):
+def start_values(member, work_flags, works, max_kinetic, l2):
     """Return (E, 1/scale of E, |L|^2, 1/|L|^2) at the start, corrected by the works since.
 
     max_kinetic : lower bound on the scale of E, see `largest_kinetic_energy`
@@ -285,28 +259,26 @@ def start_values(work, work_flags, works, max_kinetic, l2):
 
     A drift is thus a pure number in every unit. 0 stands for 1/0: there is no scale.
     """
-    energy, energy_scale, first_l2 = three_at(work, MEMBER_ROWS + START)
+    energy, energy_scale, first_l2 = three_at(member, layout.START)
     scale = inverse(maximum(energy_scale, max_kinetic))
     start = energy, scale, first_l2, inverse(select(first_l2 > 0.0, first_l2, l2))
     return corrected_by_work(start, work_flags, works)
 
 
-def classify_state(
-    limits, not_finite, work, work_flags, works, max_kinetic, q, l, omega, h, energy, l2
-):
+def classify_state(limits, member, work_flags, works, max_kinetic, body, q, l, h, energy, l2):
     """Return the status of a state: 1 if it is not finite, else the limit that it exceeds, or 0.
 
-    limits : of `rigidmc.engine.program.Program`
-    not_finite : 1 or 0
+    limits : of `rigidmc.engine.program.ProgramSpec`
     max_kinetic : from `largest_kinetic_energy`
     """
+    not_finite = select(is_finite(q, l, energy, l2), 0.0, 1.0)
     if len(limits) == 0:
         return not_finite
-    first_l2, of_start = work[MEMBER_ROWS + START + 2], three_at(work, MEMBER_ROWS + START + 3)
-    energy_in_play = maximum(of_start[0], max_kinetic) + total_abs_work(works)
-    expected = work[MEMBER_ROWS + START] + untracked_work(work_flags, works)
-    turn, rise = scale(h, omega), dot(vertical(q), l) - of_start[1]
-    max_rise2 = limits[2] * limits[2] * maximum(of_start[2], l2)
+    energy_in_play = maximum(member[layout.ENERGY_IN_PLAY], max_kinetic) + total_abs_work(works)
+    expected = member[layout.START_ENERGY] + untracked_work(work_flags, works)
+    turn, rise = scale(h, angular_velocity(body, l)), dot(vertical(q), l) - member[layout.START_LZ]
+    max_rise2 = limits[2] * limits[2] * maximum(member[layout.MAX_L2], l2)
+    first_l2 = member[layout.START_L2]
     # Later lines win, because their status explains more: a step too large explains a drift, and a
     # quaternion off the unit sphere explains both. Squares are compared, to save roots.
     status = select(abs(l2 - first_l2) > limits[1] * first_l2, 4.0, 0.0)
@@ -318,66 +290,56 @@ def classify_state(
     return select(not_finite == 0.0, status, 1.0)
 
 
-def update_status(fault, start, energy, l2, steps, q, l, work, late):
+def update_status(fault, start, energy, l2, steps, q, l, member, late):
     """Update drifts, status and last good state after an assessment; return the last good state."""
-    status = work[MEMBER_ROWS + STATUS]
+    status = member[layout.STATUS]
     was_ok = status == 0.0
     # The drift that flags a member counts, too; the drift of a non-finite state would be nan.
     counted = was_ok & (fault != 1.0)
     healthy, faulty = was_ok & (fault == 0.0), was_ok & (fault > 0.0)
     drifts = abs((energy - start[0]) * start[1]), abs((l2 - start[2]) * start[3])
-    largest = work[MEMBER_ROWS + DRIFT], work[MEMBER_ROWS + DRIFT + 1]
+    largest = tuple_at(drifts, member, layout.DRIFT)
     new = max(largest[0], drifts[0]), max(largest[1], drifts[1])
-    put_rows(select_all(counted, new, largest), work, MEMBER_ROWS + DRIFT)
+    put_rows(select_all(counted, new, largest), member, layout.DRIFT)
     # Two halves distinguish a drift that grows from one that returns, see `rigidmc.scene.drifts`.
     if late == 0.0:
-        put_rows(select_all(counted, new, largest), work, MEMBER_ROWS + EARLY_DRIFT)
+        put_rows(select_all(counted, new, largest), member, layout.EARLY_DRIFT)
     else:
-        smallest = work[MEMBER_ROWS + LATE_DRIFT], work[MEMBER_ROWS + LATE_DRIFT + 1]
+        smallest = tuple_at(drifts, member, layout.LATE_DRIFT)
         lower = min(smallest[0], drifts[0]), min(smallest[1], drifts[1])
-        put_rows(select_all(counted, lower, smallest), work, MEMBER_ROWS + LATE_DRIFT)
-    work[MEMBER_ROWS + STATUS] = select(was_ok, fault, status)
-    work[MEMBER_ROWS + GOOD_STEP] = select(healthy, steps, work[MEMBER_ROWS + GOOD_STEP])
-    work[MEMBER_ROWS + FAULT_STEP] = select(faulty, steps, work[MEMBER_ROWS + FAULT_STEP])
-    attitude = select_all(healthy, q, four_at(work, MEMBER_ROWS + GOOD_STATE))
-    good = attitude + select_all(healthy, l, three_at(work, MEMBER_ROWS + GOOD_STATE + 4))
-    put_rows(good, work, MEMBER_ROWS + GOOD_STATE)
+        put_rows(select_all(counted, lower, smallest), member, layout.LATE_DRIFT)
+    member[layout.STATUS] = select(was_ok, fault, status)
+    member[layout.GOOD_STEP] = select(healthy, steps, member[layout.GOOD_STEP])
+    member[layout.FAULT_STEP] = select(faulty, steps, member[layout.FAULT_STEP])
+    last = layout.pose_at(member, layout.GOOD_STATE)
+    good = select_all(healthy, q, last[0]) + select_all(healthy, l, last[1])
+    put_rows(good, member, layout.GOOD_STATE)
     return good
 
 
 def state_in_double(state, work, compensated):
     """Return (q, L) of a state in float64, with the remainders of sums if there are any."""
-    q = in_precision(four_at(state, ATTITUDE), work)
-    l = in_precision(three_at(state, MOMENTUM), work)
+    q, l = layout.precise_pose_at(state, layout.ATTITUDE, work)
     if len(compensated) == 0:
         return q, l
-    q_remainder = in_precision(four_at(state, EXTRA), work)
-    l_remainder = in_precision(three_at(state, EXTRA + 4), work)
-    return (
-        (
-            q[0] + q_remainder[0],
-            q[1] + q_remainder[1],
-            q[2] + q_remainder[2],
-            q[3] + q_remainder[3],
-        ),
-        (l[0] + l_remainder[0], l[1] + l_remainder[1], l[2] + l_remainder[2]),
-    )
+    q_remainder, l_remainder = layout.precise_pose_at(state, layout.EXTRA, work)
+    return add4(q, q_remainder), add(l, l_remainder)
 
 
 def restore_good(frozen, good, state):
     """Reset the state of a frozen member to its last good one, with remainders of 0."""
-    restored = select_all(frozen, in_precision(good, state), tree_unflatten(good, state, ATTITUDE))
-    put_rows(restored, state, ATTITUDE)
-    put_rows(select_all(frozen, (0.0,) * 7, tree_unflatten(good, state, EXTRA)), state, EXTRA)
+    now = tree_unflatten(good, state, layout.ATTITUDE)
+    extra = tree_unflatten(good, state, layout.EXTRA)
+    put_rows(select_all(frozen, in_precision(good, state), now), state, layout.ATTITUDE)
+    put_rows(select_all(frozen, (0.0,) * 7, extra), state, layout.EXTRA)
     return 0
 
 
-def keep_good_works(frozen, good, works, work, row, state, at):
+def keep_good_works(frozen, good, works, member, row, state, at):
     """Record the works as the last good ones; for a frozen member, restore the last good ones."""
-    put_rows(select_all(frozen, good, works), work, row)
-    put_rows(
-        select_all(frozen, in_precision(good, state), tree_unflatten(good, state, at)), state, at
-    )
+    put_rows(select_all(frozen, good, works), member, row)
+    now = tree_unflatten(good, state, at)
+    put_rows(select_all(frozen, in_precision(good, state), now), state, at)
     return 0
 
 

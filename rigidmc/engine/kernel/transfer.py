@@ -13,14 +13,7 @@ import numpy as np
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.kernels import call_address
 from rigidmc.engine.compiler.memory import memory, shifted
-from rigidmc.engine.kernel.layout import (
-    BODY,
-    BODY_AT,
-    INDEX,
-    MEMBER_ROWS,
-    MEMBER_STEPS,
-    START,
-)
+from rigidmc.engine.kernel import layout
 from rigidmc.physics.dynamics.functions import as_float
 
 
@@ -46,35 +39,36 @@ def block_memory(frame):
     return BlockMemory(substeps, block, state, spare_state, work, spare_work, trace)
 
 
-def gather_members(frame, low, h, round_start):
-    """Copy the rows of the members from `low` on to the workspace.
+def copy_of_members(frame, j, part):
+    """Return (block, state, work) with the values for j = 0, else with derivative j of a pass."""
+    flat, lanes = block_memory(frame), frame.lanes
+    column = 0 if j == 0 else part * frame.tangents + j
+    block = shifted(flat.block, column * frame.rows * frame.width)
+    state = shifted(flat.state, j * frame.tangents_in_state * lanes)
+    return block, state, shifted(flat.work, j * frame.tangents_in_work * lanes)
+
+
+def gather_members(frame, low, h, round_start, part):
+    """Copy the rows of the members from `low` on, and their derivatives, to the workspace.
 
     h, round_start : length of the steps, or of a round of member steps, and when it began [s]
+    part : the pass
     """
-    flat, lanes, member_steps = block_memory(frame), frame.lanes, frame.member_steps
-    order, rows, members = memory(frame.order, lanes), frame.rows, frame.width
-    indices = memory(frame.members, lanes)
-    state, work = flat.state, flat.work
-    arguments = flat.block, rows, members, low, member_steps, h, round_start, state, work
-    call_address(frame.gather, arguments)
+    lanes, work, members = frame.lanes, block_memory(frame).work, frame.width
+    order, indices = memory(frame.order, lanes), memory(frame.members, lanes)
+    for j in range(1 + frame.tangents):
+        block, state, rows = copy_of_members(frame, j, part)
+        own, since = (frame.member_steps, round_start) if j == 0 else (0, 0.0)
+        length = h if j == 0 else 0.0
+        arguments = block, frame.rows, members, low, own, length, since, state, rows
+        call_address(frame.gather, arguments)
+        for k in range(lanes if j > 0 else 0):
+            rows[layout.MEMBER_STEPS * lanes + k] = 0.0
     for k in range(lanes if frame.is_random != 0 else 0):
-        index = order[low + k] if member_steps != 0 else low + k
+        index = order[low + k] if frame.member_steps != 0 else low + k
         # The bits of index + 1 as a float: rows of `work` are float64, and no arithmetic touches
         # them.
-        work[INDEX * lanes + k] = as_float(np.uint64(indices[index] + 1))
-
-
-def gather_tangents(frame, low, part):
-    """Copy the derivatives of the members from `low` on to the workspace; part : the pass."""
-    flat, lanes, rows, members = block_memory(frame), frame.lanes, frame.rows, frame.width
-    for j in range(frame.tangents):
-        column = 1 + part * frame.tangents + j
-        block = shifted(flat.block, column * rows * members)
-        state = shifted(flat.state, (1 + j) * frame.tangents_in_state * lanes)
-        work = shifted(flat.work, (1 + j) * frame.tangents_in_work * lanes)
-        call_address(frame.gather, (block, rows, members, low, 0, 0.0, 0.0, state, work))
-        for k in range(lanes):
-            work[MEMBER_STEPS * lanes + k] = 0.0
+        work[layout.INDEX * lanes + k] = as_float(np.uint64(indices[index] + 1))
 
 
 def gather_growing(frame, low):
@@ -84,11 +78,11 @@ def gather_growing(frame, low):
     flat, lanes, members = block_memory(frame), frame.lanes, frame.width
     state = shifted(flat.state, (1 + frame.tangents) * frame.tangents_in_state * lanes)
     work = shifted(flat.work, (1 + frame.tangents) * frame.tangents_in_work * lanes)
-    first = (frame.growth_row - MEMBER_ROWS) * members + low
-    for i in range(BODY_AT + frame.rows - BODY):
+    first = (frame.growth_row - layout.MEMBER_ROWS) * members + low
+    for i in range(layout.BODY_AT + frame.rows - layout.BODY):
         for k in range(lanes):
-            state[i * lanes + k] = flat.block[first + i * members + k] if i < START else 0.0
-    for i in range((MEMBER_ROWS + frame.rows) * lanes if frame.tangents != 0 else 0):
+            state[i * lanes + k] = flat.block[first + i * members + k] if i < layout.START else 0.0
+    for i in range((layout.MEMBER_ROWS + frame.rows) * lanes if frame.tangents != 0 else 0):
         work[i] = 0.0
 
 
@@ -103,13 +97,13 @@ def park_finished(frame, state, now, stores):
     flat = block_memory(frame)
     trace, work = flat.trace, flat.work
     for k in range(lanes):
-        if work[MEMBER_STEPS * lanes + k] <= float(now):
+        if work[layout.MEMBER_STEPS * lanes + k] <= float(now):
             is_any_finished = True
             for j in range(1 + frame.tangents + frame.growth):
-                for i in range(START + frame.works):
-                    row = i if i < START else frame.work_row + i - START
+                for i in range(layout.START + frame.works):
+                    row = i if i < layout.START else frame.work_row + i - layout.START
                     at = (j * frame.tangents_in_state + row) * lanes + k
-                    place = parking + (j * (START + frame.works) + i) * lanes + k
+                    place = parking + (j * (layout.START + frame.works) + i) * lanes + k
                     if stores != 0:
                         trace[place] = state[at]
                     else:
@@ -155,37 +149,22 @@ def scatter_members(frame, low, part):
 
     At the end of the run they contain the last good state.
     """
+    is_last, work_row = part == frame.passes - 1, layout.BODY + frame.work_row - layout.BODY_AT
     done = 1 if frame.last == frame.total else 0
-    scatter_tangents(frame, low, part)
-    if part < frame.passes - 1:
-        return
-    flat, rows, members, works = block_memory(frame), frame.rows, frame.width, frame.works
-    work_row = BODY + frame.work_row - BODY_AT
-    at = rows, members, low, works, work_row, done
-    call_address(frame.scatter, (flat.block, *at, flat.state, flat.work))
-    if frame.growth != 0:
-        scatter_growing(frame, low)
-
-
-def scatter_tangents(frame, low, part):
-    """Copy the derivatives of the members from `low` on to the block; part : the pass."""
-    flat, lanes, rows, members = block_memory(frame), frame.lanes, frame.rows, frame.width
-    work_row = BODY + frame.work_row - BODY_AT
-    done = 1 if frame.last == frame.total else 0
-    for j in range(frame.tangents):
-        block = shifted(flat.block, (1 + part * frame.tangents + j) * rows * members)
-        state = shifted(flat.state, (1 + j) * frame.tangents_in_state * lanes)
-        work = shifted(flat.work, (1 + j) * frame.tangents_in_work * lanes)
-        at = rows, members, low, frame.works, work_row, done
+    for j in range(0 if is_last else 1, 1 + frame.tangents):
+        block, state, work = copy_of_members(frame, j, part)
+        at = frame.rows, frame.width, low, frame.works, work_row, done
         call_address(frame.scatter, (block, *at, state, work))
+    if is_last and frame.growth != 0:
+        scatter_growing(frame, low)
 
 
 def scatter_growing(frame, low):
     """Copy the tangents that grow, of the members from `low` on, back to the block."""
     flat, lanes, members = block_memory(frame), frame.lanes, frame.width
     state = shifted(flat.state, (1 + frame.tangents) * frame.tangents_in_state * lanes)
-    first = (frame.growth_row - MEMBER_ROWS) * members + low
-    for i in range(START):
+    first = (frame.growth_row - layout.MEMBER_ROWS) * members + low
+    for i in range(layout.START):
         for k in range(lanes):
             flat.block[first + i * members + k] = state[i * lanes + k]
 

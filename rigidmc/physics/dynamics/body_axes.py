@@ -51,29 +51,16 @@ def with_axes(body, a):
     if len(a) == 0:
         return body
     return MassProperties(
-        body.i1,
-        body.i2,
-        body.i3,
-        body.a1,
-        body.a2,
-        body.a3,
-        body.p1,
-        body.p2,
-        body.p3,
+        body.i1, body.i2, body.i3, body.a1, body.a2, body.a3, body.p1, body.p2, body.p3,
         body_axes(a),
-    )
+    )  # fmt: skip
 
 
 def described(body, v):
     """Return a vector of the principal axes in the described axes, A v."""
-    return along_axes(body.axes, v)
-
-
-def along_axes(axes, v):
-    """Compute `described` for these BodyAxes, () for principal axes."""
-    if len(axes) == 0:
+    if len(body.axes) == 0:
         return v
-    return along(axes.x, v), along(axes.y, v), along(axes.z, v)
+    return along(body.axes.x, v), along(body.axes.y, v), along(body.axes.z, v)
 
 
 def along(e, v):
@@ -83,11 +70,6 @@ def along(e, v):
 
 def described_attitude(body, q):
     """Return the attitude of the described axes for the attitude of the principal axes, q a^-1."""
-    return attitude_of_axes(body.axes, q)
-
-
-def attitude_of_axes(axes, q):
-    """Compute `described_attitude` for these BodyAxes, () for principal axes."""
-    if len(axes) == 0:
+    if len(body.axes) == 0:
         return q
-    return multiply(q, conjugate(axes.turn))
+    return multiply(q, conjugate(body.axes.turn))

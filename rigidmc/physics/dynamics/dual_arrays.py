@@ -21,6 +21,7 @@ and assignment into a plain array raise TangentsLost, a TypeError.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,8 +29,6 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
-# The first half of `rigidmc.physics.dynamics.vectors.nearest_integer` adds this number: the sum has
-# no digits after the point, and the derivative of a rounded number is 0.
 # functions whose results have no tangents: answers, and numbers that change only in jumps
 OF_VALUES = {
     np.equal, np.not_equal, np.less, np.less_equal, np.greater, np.greater_equal,
@@ -83,6 +82,8 @@ PARTIALS: dict[Any, Callable[..., tuple[Any, ...]]] = {
 }
 
 
+# The first half of `rigidmc.physics.dynamics.vectors.nearest_integer` adds this number: the sum has
+# no digits after the point, and the derivative of a rounded number is 0.
 _ROUNDING = 6755399441055744.0
 
 
@@ -291,20 +292,12 @@ def _where(condition: Any, a: Any, b: Any) -> DualArray:
     return DualArray(value, tangents)
 
 
-def _stack(parts: Any, axis: int = 0) -> DualArray:
+def _joined(join: Callable[..., Any], parts: Any, axis: int = 0) -> DualArray:
+    """Return np.stack or np.concatenate of some values."""
     parts = list(parts)
-    value, count = np.stack([plain(x) for x in parts], axis), _count(parts)
-    shape = np.shape(plain(parts[0]))
-    behind = axis + 1 if axis >= 0 else axis
-    return DualArray(value, np.stack([_full(x, shape, count) for x in parts], behind))
-
-
-def _concatenate(parts: Any, axis: int = 0) -> DualArray:
-    parts = list(parts)
-    value, count = np.concatenate([plain(x) for x in parts], axis), _count(parts)
-    behind = axis + 1 if axis >= 0 else axis
-    each = [_full(x, np.shape(plain(x)), count) for x in parts]
-    return DualArray(value, np.concatenate(each, behind))
+    values, count = [plain(x) for x in parts], _count(parts)
+    tangents = [_full(x, np.shape(v), count) for x, v in zip(parts, values, strict=True)]
+    return DualArray(join(values, axis), join(tangents, axis + 1 if axis >= 0 else axis))
 
 
 def _broadcast_to(x: Any, shape: Any) -> DualArray:
@@ -324,8 +317,8 @@ def _clip(x: Any, low: Any, high: Any) -> DualArray:
 
 _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.where: _where,
-    np.stack: _stack,
-    np.concatenate: _concatenate,
+    np.stack: partial(_joined, np.stack),
+    np.concatenate: partial(_joined, np.concatenate),
     np.sum: DualArray.sum,
     np.broadcast_to: _broadcast_to,
     np.broadcast_arrays: _broadcast_arrays,

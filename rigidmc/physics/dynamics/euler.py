@@ -44,20 +44,10 @@ class MassProperties(NamedTuple):
 
 def mass_properties(moments, static_moment):
     """Return the MassProperties for principal moments (I1, I2, I3) and a static moment."""
-    one, two, three = moments
+    (one, two, three), (x, y, z) = moments, static_moment
     # two divisions each: the product I2 I3 would underflow for a body of nanometres
-    return MassProperties(
-        1.0 / one,
-        1.0 / two,
-        1.0 / three,
-        (two - three) / two / three,
-        (three - one) / three / one,
-        (one - two) / one / two,
-        static_moment[0],
-        static_moment[1],
-        static_moment[2],
-        (),
-    )
+    a1, a2, a3 = (two - three) / two / three, (three - one) / three / one, (one - two) / one / two
+    return MassProperties(1.0 / one, 1.0 / two, 1.0 / three, a1, a2, a3, x, y, z, ())
 
 
 def angular_velocity(body, l):
@@ -94,14 +84,8 @@ class Rates(NamedTuple):
 
 def scaled(body, h):
     """Return the Rates of a body over h."""
-    return Rates(
-        0.5 * h * body.i1,
-        0.5 * h * body.i2,
-        0.5 * h * body.i3,
-        h * body.a1,
-        h * body.a2,
-        h * body.a3,
-    )
+    w1, w2, w3 = 0.5 * h * body.i1, 0.5 * h * body.i2, 0.5 * h * body.i3
+    return Rates(w1, w2, w3, h * body.a1, h * body.a2, h * body.a3)
 
 
 def double_rates(rates):

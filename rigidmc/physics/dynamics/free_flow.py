@@ -222,24 +222,12 @@ def make_flow(body, halvings, panels, h, l):
     # The sign is a constant of the motion. Computed at each step, it could change where u_j is 0 to
     # rounding, and would turn the body over.
     sign = select(select(on_third, u[2], u[0]) < 0.0, -1.0, 1.0)
-    one, panel = panel_arcs(half, whole, time, p + q3, p + q1, panels)
-    inverse = select(on_third, i3, i1)
-    return FreeFlow(
-        size,
-        first,
-        third,
-        axes,
-        twice_energy,
-        on_third,
-        sign,
-        inverse,
-        p + q3,
-        p + q1,
-        time,
-        whole,
-        one,
-        panel,
-    ), u
+    half_panel, panel = panel_arcs(half, whole, time, p + q3, p + q1, panels)
+    flow = FreeFlow(
+        size, first, third, axes, twice_energy, on_third, sign, select(on_third, i3, i1), p + q3,
+        p + q1, time, whole, half_panel, panel,
+    )  # fmt: skip
+    return flow, u
 
 
 def is_moving(square):

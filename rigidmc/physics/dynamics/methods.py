@@ -5,9 +5,9 @@ attitude, `torque(self, l)` on the angular momentum alone. No separate declarati
 
 Options of a kernel are types, so its code holds nothing for absent ones. A yes or no is a flag, ON
 or OFF; a number that unrolls code is the length of a tuple, `static_count`. Compiled code tests
-both by a literal `if len(x) == 0`: Numba prunes a branch on the length of an argument before it
-types the rest, but not a branch on a helper such as `is_off(x)`, whose untaken side would then have
-to type-check, too.
+both by a literal `if len(x) == 0`, where x is an argument or a field of one: such a branch is
+pruned before the rest is typed, but not a branch on a helper such as `is_off(x)`, whose untaken
+side would then have to type-check, too. The argument must not be assigned again.
 """
 
 import inspect

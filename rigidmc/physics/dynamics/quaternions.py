@@ -105,6 +105,11 @@ def into_body(q, v):
     return v[0] - w * s[0] + 2.0 * t[0], v[1] - w * s[1] + 2.0 * t[1], v[2] - w * s[2] + 2.0 * t[2]
 
 
+def rotated(u, l):
+    """Rotate L by |u| about u: the flow of dL/dt = u x L over unit time."""
+    return into_body(conjugate(exponential(u)), l)
+
+
 def normalised(q):
     """Return q/|q|."""
     r = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])

@@ -22,6 +22,15 @@ def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
+def symmetric_times(m, v):
+    """Return M v for a symmetric matrix (xx, yy, zz, yz, zx, xy)."""
+    return (
+        m[0] * v[0] + m[5] * v[1] + m[4] * v[2],
+        m[5] * v[0] + m[1] * v[1] + m[3] * v[2],
+        m[4] * v[0] + m[3] * v[1] + m[2] * v[2],
+    )
+
+
 def first_three(a):
     """Return the 3-vector at the start of a longer tuple."""
     if len(a) == 3:

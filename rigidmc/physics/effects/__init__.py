@@ -24,7 +24,7 @@ from rigidmc.physics.effects.damping import MatrixDamping as MatrixDamping
 from rigidmc.physics.effects.damping import QuadraticDrag as QuadraticDrag
 from rigidmc.physics.effects.damping import DryFriction as DryFriction
 from rigidmc.physics.effects.dissipation import EnergyDissipation as EnergyDissipation
-from rigidmc.physics.effects.internal import InternalDissipation as InternalDissipation
+from rigidmc.physics.effects.dissipation import InternalDissipation as InternalDissipation
 from rigidmc.physics.effects.bath import Bath as Bath
 # isort: on
 

@@ -4,8 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 from rigidmc.physics.dynamics.euler import angular_velocity
-from rigidmc.physics.dynamics.so3 import axpy, dot, expm1, root, scale
-from rigidmc.physics.effects.flows import damp_flow, solve3, symmetric_times
+from rigidmc.physics.dynamics.so3 import axpy, cross, dot, expm1, root, scale, symmetric_times
 from rigidmc.physics.effects.protocol import Number, Vector, effect
 
 
@@ -138,7 +137,7 @@ class MatrixDamping(NamedTuple):
         x, y, z = 0.5 * h * body.i1, 0.5 * h * body.i2, 0.5 * h * body.i3
         m = self.matrix
         right_side = axpy(l, -1.0, symmetric_times(m, (x * l[0], y * l[1], z * l[2])))
-        return solve3(
+        return _solved(
             (1.0 + m[0] * x, m[5] * x, m[4] * x),
             (m[5] * y, 1.0 + m[1] * y, m[3] * y),
             (m[4] * z, m[3] * z, 1.0 + m[2] * z),
@@ -184,8 +183,8 @@ class QuadraticDrag(NamedTuple):
 
     def kick(self, body, h, l):
         w = angular_velocity(body, l)
-        w = angular_velocity(body, damp_flow(body, 0.5 * h * self.drag * root(dot(w, w)), l))
-        return damp_flow(body, h * self.drag * root(dot(w, w)), l)
+        w = angular_velocity(body, _damped(body, 0.5 * h * self.drag * root(dot(w, w)), l))
+        return _damped(body, h * self.drag * root(dot(w, w)), l)
 
 
 @effect(
@@ -231,5 +230,23 @@ class DryFriction(NamedTuple):
         w = angular_velocity(body, l)
         # A half step gives the rate in the middle, which makes the rule order 2.
         half = 0.5 * h * self.friction / root(dot(w, w) + self.rest * self.rest)
-        w = angular_velocity(body, damp_flow(body, half, l))
-        return damp_flow(body, h * self.friction / root(dot(w, w) + self.rest * self.rest), l)
+        w = angular_velocity(body, _damped(body, half, l))
+        return _damped(body, h * self.friction / root(dot(w, w) + self.rest * self.rest), l)
+
+
+def _damped(body, c, l):
+    """Return L after dL/dt = -c omega over unit time, by the trapezoidal rule, of order 2.
+
+    Each component is multiplied by (1 - c/2I)/(1 + c/2I), which lies between -1 and 1 if c > 0.
+    """
+    # Each component shrinks for any c > 0; with the explicit rule it would grow for c > 2I.
+    x, y, z = 0.5 * c * body.i1, 0.5 * c * body.i2, 0.5 * c * body.i3
+    return (1.0 - x) / (1.0 + x) * l[0], (1.0 - y) / (1.0 + y) * l[1], (1.0 - z) / (1.0 + z) * l[2]
+
+
+def _solved(a, b, c, v):
+    """Solve (a b c) x = v by Cramer's rule; a, b, c are the columns of the matrix."""
+    # Cramer's rule has no branch. The matrix is 1 + C/2I, well conditioned for damping.
+    n = cross(b, c)
+    r = 1.0 / dot(a, n)
+    return scale(r, (dot(v, n), dot(v, cross(c, a)), dot(v, cross(a, b))))

@@ -3,8 +3,7 @@
 import math
 from typing import NamedTuple
 
-from rigidmc.physics.dynamics.so3 import add, cross, dot, root, vertical
-from rigidmc.physics.effects.flows import symmetric_times
+from rigidmc.physics.dynamics.so3 import add, cross, dot, root, symmetric_times, vertical
 from rigidmc.physics.effects.protocol import Vector, effect
 
 _ANY = (-math.inf, math.inf)
@@ -52,56 +51,22 @@ class Potential(NamedTuple):
     quartic: Vector = (0.0, 0.0, 0.0)
 
     def torque(self, q):
-        u, k = vertical(q), self.quartic
-        slope = add(self.linear, symmetric_times(self.quadratic, u))
-        return cross(
-            u,
-            add(
-                slope,
-                (
-                    4.0 * k[0] * u[0] * u[0] * u[0],
-                    4.0 * k[1] * u[1] * u[1] * u[1],
-                    4.0 * k[2] * u[2] * u[2] * u[2],
-                ),
-            ),
-        )
+        u = vertical(q)
+        return cross(u, _slope(self, u))
 
     def torque_rate(self, q, w):
         u, k = vertical(q), self.quartic
         du = cross(u, w)
-        slope = add(self.linear, symmetric_times(self.quadratic, u))
-        slope = add(
-            slope,
-            (
-                4.0 * k[0] * u[0] * u[0] * u[0],
-                4.0 * k[1] * u[1] * u[1] * u[1],
-                4.0 * k[2] * u[2] * u[2] * u[2],
-            ),
-        )
         # The rate of change of dE/du when u changes at the rate du.
-        bend = symmetric_times(self.quadratic, du)
-        bend = add(
-            bend,
-            (
-                12.0 * k[0] * u[0] * u[0] * du[0],
-                12.0 * k[1] * u[1] * u[1] * du[1],
-                12.0 * k[2] * u[2] * u[2] * du[2],
-            ),
-        )
-        return add(cross(du, slope), cross(u, bend))
+        x, y, z = 12.0 * k[0] * u[0] * u[0], 12.0 * k[1] * u[1] * u[1], 12.0 * k[2] * u[2] * u[2]
+        bend = add(symmetric_times(self.quadratic, du), (x * du[0], y * du[1], z * du[2]))
+        return add(cross(du, _slope(self, u)), cross(u, bend))
 
     def energy(self, q):
         u, k = vertical(q), self.quartic
-        square = (u[0] * u[0], u[1] * u[1], u[2] * u[2])
-        return (
-            dot(self.linear, u)
-            + 0.5 * dot(u, symmetric_times(self.quadratic, u))
-            + (
-                k[0] * square[0] * square[0]
-                + k[1] * square[1] * square[1]
-                + k[2] * square[2] * square[2]
-            )
-        )
+        x, y, z = u[0] * u[0], u[1] * u[1], u[2] * u[2]
+        quadratic = 0.5 * dot(u, symmetric_times(self.quadratic, u))
+        return dot(self.linear, u) + quadratic + (k[0] * x * x + k[1] * y * y + k[2] * z * z)
 
     def energy_scale(self):
         m, k = self.quadratic, self.quartic
@@ -112,3 +77,11 @@ class Potential(NamedTuple):
             + 0.5 * root(m[0] * m[0] + m[1] * m[1] + m[2] * m[2] + 2.0 * off)
             + (abs(k[0]) + abs(k[1]) + abs(k[2]))
         )
+
+
+def _slope(potential, u):
+    """Return dE/du."""
+    k = potential.quartic
+    x, y, z = 4.0 * k[0] * u[0] * u[0], 4.0 * k[1] * u[1] * u[1], 4.0 * k[2] * u[2] * u[2]
+    slope = add(potential.linear, symmetric_times(potential.quadratic, u))
+    return add(slope, (x * u[0], y * u[1], z * u[2]))

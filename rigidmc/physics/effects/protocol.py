@@ -63,14 +63,9 @@ class Effect(Protocol):
 
 # Former names of methods and facts, and their present names; until 1.0.
 OLD_WORDS = {
-    "impel": "add_torque",
-    "shake": "add_noise",
-    "drives": "is_driving",
-    "damps": "is_damping",
-    "keeps_l2": "conserves_l2",
-    "keeps_lz": "conserves_lz",
-    "stochastic": "is_random",
-}
+    "impel": "add_torque", "shake": "add_noise", "drives": "is_driving", "damps": "is_damping",
+    "keeps_l2": "conserves_l2", "keeps_lz": "conserves_lz", "stochastic": "is_random",
+}  # fmt: skip
 
 
 class EffectFacts(NamedTuple):

@@ -4,8 +4,7 @@ import math
 from typing import NamedTuple
 
 from rigidmc.physics.dynamics.euler import angular_velocity
-from rigidmc.physics.dynamics.so3 import axpy, cross, root, select
-from rigidmc.physics.effects.flows import rotate_flow
+from rigidmc.physics.dynamics.so3 import axpy, cross, root, rotated, select
 from rigidmc.physics.effects.protocol import Vector, effect
 
 
@@ -64,7 +63,7 @@ class Rotor(NamedTuple):
         wheel = axpy(self.momentum, t, self.motor)
         # Half of the motor's kick before and half after the rotation: symmetric, hence order 2.
         x, y, z = axpy(l, -0.5 * h, self.motor)
-        x, y, z = rotate_flow(
+        x, y, z = rotated(
             (h * two * three * wheel[0], h * three * one * wheel[1], h * one * two * wheel[2]),
             (one * x, two * y, three * z),
         )

@@ -86,19 +86,10 @@ class Midpoint(NamedTuple):
         middle, spun_up = _solve_stage(
             self.eights, half, effects, body, t + 0.5 * h, 0.5 * h, at, now, at, now
         )
-        zero = (0.0, 0.0, 0.0)
-        dl = push(
-            effects,
-            body,
-            t + 0.5 * h,
-            0.5 * h,
-            middle,
-            spun_up,
-            add_free_change(half, zero, spun_up),
-        )
-        return add_compensated4(
-            q, scale4(2.0, spin(middle, half_rotation(half, spun_up)))
-        ), add_compensated(l, scale(2.0, dl))
+        dl = add_free_change(half, (0.0, 0.0, 0.0), spun_up)
+        dl = push(effects, body, t + 0.5 * h, 0.5 * h, middle, spun_up, dl)
+        dq = scale4(2.0, spin(middle, half_rotation(half, spun_up)))
+        return add_compensated4(q, dq), add_compensated(l, scale(2.0, dl))
 
 
 INTEGRATORS = {"midpoint": Midpoint()}

@@ -73,20 +73,12 @@ class Integrator(Protocol):
 
 # Former names of methods and facts, and their present names; until 1.0.
 OLD_WORDS = {
-    "opened": "to_stepping",
-    "closed": "from_stepping",
-    "keeps": "extra_state",
-    "constants": "precompute",
-    "prepared": "scheme",
-    "form": "scheme",
-    "with_sums": "with_compensation",
-    "group_count": "interleaving",
-    "reversible": "is_reversible",
-    "splitting": "is_splitting",
-    "largest_turn": "max_turn",
-    "least_spin": "min_spin",
-    "largest_spin": "max_spin",
-}
+    "opened": "to_stepping", "closed": "from_stepping", "keeps": "extra_state",
+    "constants": "precompute", "prepared": "scheme", "form": "scheme",
+    "with_sums": "with_compensation", "group_count": "interleaving",
+    "reversible": "is_reversible", "splitting": "is_splitting", "largest_turn": "max_turn",
+    "least_spin": "min_spin", "largest_spin": "max_spin",
+}  # fmt: skip
 _DEFAULTS = {
     name: vars(Integrator)[name] for name in Integrator.__annotations__ if name in vars(Integrator)
 }

@@ -153,14 +153,12 @@ def works_after_step(works, effects, body, t, h, attitudes, rates):
     """Return the works of the effects after a step with these stages; () if none are saved."""
     if len(works) == 0:
         return ()
-    one = add_stage_work(works, effects, body, t, h, h * (1.0 / 6.0), attitudes[0], rates[0])
-    two = add_stage_work(
-        one, effects, body, t + 0.5 * h, h, h * (1.0 / 3.0), attitudes[1], rates[1]
-    )
-    three = add_stage_work(
-        two, effects, body, t + 0.5 * h, h, h * (1.0 / 3.0), attitudes[2], rates[2]
-    )
-    return add_stage_work(three, effects, body, t + h, h, h * (1.0 / 6.0), attitudes[3], rates[3])
+    (q, x, y, z), (w, wx, wy, wz), middle = attitudes, rates, t + 0.5 * h
+    end, within = h * (1.0 / 6.0), h * (1.0 / 3.0)
+    done = add_stage_work(works, effects, body, t, h, end, q, w)
+    done = add_stage_work(done, effects, body, middle, h, within, x, wx)
+    done = add_stage_work(done, effects, body, middle, h, within, y, wy)
+    return add_stage_work(done, effects, body, t + h, h, end, z, wz)
 
 
 def add_stage_work(works, effects, body, t, h, fraction, q, w):

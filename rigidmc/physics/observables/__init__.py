@@ -1,16 +1,14 @@
 """Saved and monitored quantities. A new observable is one file here and one line below.
 
-Four kinds, see `rigidmc.physics.observables.protocol`:
+OBSERVABLES is the catalogue of the shipped classes, in the order of lists and results; the facts of
+an observable stand on its class, see `rigidmc.physics.observables.protocol`. An observable is
+recorded at save times (it has `value`), or `is_monitored`: over all steps, with one result per
+member (events, running observables, `megno`, `noise_score`), or by counts over all members
+(`histogram`). The fields of a class are its parameters, from a table [observables.NAME] of a scene.
+`statistics` adds omega_min, omega_max, omega_mean, omega_variance, omega_last and so on: of each
+observable at save times whose `value` uses neither start nor works.
 
-OBSERVABLES          recorded at save times; a class with `value`
-WITH_TABLE           recorded at save times, with parameters from a table [observables.NAME]
-WATCHED              monitored over all steps, one result per member: events (`level`), running
-                     observables (`begin` and `update`), `megno`, `noise_score`; or counted over all
-                     members at save times: `histogram`
-WATCHED_STATISTICS   omega_min, omega_max, omega_mean, omega_variance, omega_last and so on: of each
-                     entry of OBSERVABLES whose `value` uses neither start nor works
-
-A scene may add custom observables, called `given` below. Their names extend these tables.
+A scene may add custom observables, called `given` below.
 """
 
 # One line for each observable, in the order of lists and results. The word of an observable is the
@@ -26,10 +24,10 @@ from rigidmc.physics.observables.state import L2 as L2
 from rigidmc.physics.observables.state import EnergyDrift as EnergyDrift
 from rigidmc.physics.observables.state import L2Drift as L2Drift
 from rigidmc.physics.observables.state import Work as Work
-from rigidmc.physics.observables.flips import Flips as Flips
-from rigidmc.physics.observables.passage import Passage as Passage
 from rigidmc.physics.observables.angles import PointingAngle as PointingAngle
 from rigidmc.physics.observables.angles import OrbitAngles as OrbitAngles
+from rigidmc.physics.observables.flips import Flips as Flips
+from rigidmc.physics.observables.passage import Passage as Passage
 from rigidmc.physics.observables.nutation import Nutation as Nutation
 from rigidmc.physics.observables.nutation import Precession as Precession
 from rigidmc.physics.observables.chaos import Megno as Megno
@@ -54,11 +52,8 @@ from rigidmc.physics.observables.protocol import (
 )
 from rigidmc.physics.observables.statistics import STATISTICS
 
-_KINDS = {word_of(kind): kind for kind in globals().values() if hasattr(kind, "_fields")}
-_AT_SAVES = {word: kind for word, kind in _KINDS.items() if implements(kind, "value")}
-OBSERVABLES: dict[str, Any] = {w: kind for w, kind in _AT_SAVES.items() if not kind._fields}
-WITH_TABLE: dict[str, Any] = {w: kind for w, kind in _AT_SAVES.items() if kind._fields}
-WATCHED: dict[str, Any] = {word: kind for word, kind in _KINDS.items() if word not in _AT_SAVES}
+_KINDS = [kind for kind in globals().values() if hasattr(kind, "_fields")]  # the lines above
+OBSERVABLES: dict[str, Any] = {word_of(kind): kind for kind in _KINDS}
 # Variables that every run produces, whatever is saved. The last two are not in all results.
 OUTCOMES = (
     "energy_drift_max",
@@ -73,6 +68,16 @@ OUTCOMES = (
 Statistics = dict[str, tuple[str, Any]]  # {name: (name of the observable, statistic)}
 
 
+def bare_observables() -> dict[str, Any]:
+    """Return {name: class} of the shipped observables at save times without parameters."""
+    return {w: kind for w, kind in OBSERVABLES.items() if not (kind.is_monitored or kind._fields)}
+
+
+def monitors() -> dict[str, Any]:
+    """Return {name: class} of the shipped observables that are monitored."""
+    return {word: kind for word, kind in OBSERVABLES.items() if kind.is_monitored}
+
+
 def _statistics(kinds: Mapping[str, Any]) -> Statistics:
     """Return the running statistics of observables at save times, {name: class or instance}."""
     return {
@@ -83,8 +88,7 @@ def _statistics(kinds: Mapping[str, Any]) -> Statistics:
     }
 
 
-WATCHED_STATISTICS: Statistics = _statistics(OBSERVABLES)
-KNOWN = (*OBSERVABLES, *WITH_TABLE, *WATCHED, *WATCHED_STATISTICS)
+_OF_BARE = _statistics(bare_observables())
 # Classes already recognised as observables. On Python 3.11 one check against all kinds takes 10 to
 # 80 us, and a scene checks each name that it saves.
 _of_observables: set[type] = set()
@@ -109,8 +113,7 @@ def is_opaque(value: Any) -> bool:
 
 def is_own(value: Any) -> bool:
     """Return whether an observable is custom: not of a shipped class."""
-    shipped = (*OBSERVABLES.values(), *WITH_TABLE.values(), *WATCHED.values())
-    return all(known is not type(value) for known in shipped)
+    return type(value) not in OBSERVABLES.values()
 
 
 def word_of_observable(value: Any) -> str:
@@ -138,30 +141,34 @@ def own(given: Iterable[Any]) -> dict[str, Any]:
 
 def find_observable(given: Iterable[Any], name: str) -> Any:
     """Return the observable at save times with this name or label."""
-    if name in OBSERVABLES:  # asked for every block: to look through `given` takes 0.05 ms
-        return OBSERVABLES[name]()
+    kind = OBSERVABLES.get(name)
+    if kind is not None and not kind._fields:  # to look through `given` takes 0.05 ms, each block
+        return kind()
     if name in default_names(given):
-        return WITH_TABLE[name]()
+        return OBSERVABLES[name]()
     return dict(label_observables(given))[name]
 
 
 def default_names(given: Iterable[Any]) -> tuple[str, ...]:
     """Return names of shipped observables at save times, less those given with parameters."""
-    return (*OBSERVABLES, *(name for name in WITH_TABLE if name not in own(given)))
+    parameters = own(given)
+    return tuple(
+        w for w, kind in OBSERVABLES.items() if not kind.is_monitored and w not in parameters
+    )
 
 
-def statistics(given: Iterable[Any]) -> Statistics:
-    """Return WATCHED_STATISTICS and the statistics of the given observables."""
-    return {**WATCHED_STATISTICS, **_statistics(own(given))}
+def statistics(given: Iterable[Any] = ()) -> Statistics:
+    """Return the statistics of shipped observables without parameters, and of the given ones."""
+    return {**_OF_BARE, **_statistics(own(given))}
 
 
-def saveable_names(given: Iterable[Any]) -> tuple[str, ...]:
-    """Return all names that a scene may save."""
+def saveable_names(given: Iterable[Any] = ()) -> tuple[str, ...]:
+    """Return all names that a scene may save: shipped ones first."""
     opaque = [word_of_observable(one) for one in given if is_opaque(one)]
     perhaps = (f"{word}_{statistic}" for word in opaque for statistic in STATISTICS)
     words = (*map(word_of_observable, given), *dict(label_observables(given)))
-    more = dict.fromkeys((*words, *statistics(given), *perhaps))
-    return (*KNOWN, *(name for name in more if name not in KNOWN))
+    shipped = (*OBSERVABLES, *_OF_BARE)
+    return tuple(dict.fromkeys((*shipped, *words, *statistics(given), *perhaps)))
 
 
 def value_rows(observables: Mapping[str, Any], effects: int) -> dict[str, slice]:
@@ -221,7 +228,8 @@ def monitored_observables(save: Sequence[str], given: Sequence[Any]) -> list[tup
             found.append((name, statistic(find_observable(given, observable))))
             continue
         same = [(label, one) for label, one in over if word_of_observable(one) == name]
-        found += same or ([(name, WATCHED[name]())] if name in WATCHED else [])
+        kind = OBSERVABLES.get(name)
+        found += same or ([(name, kind())] if kind is not None and kind.is_monitored else [])
     return found
 
 
@@ -254,10 +262,12 @@ def bind(one: Any, effects: Sequence[Any]) -> Any:
     return one.bind(effects) if implements(one, "bind") else one
 
 
-def dimensions(recorded: Mapping[str, Any], watched: Iterable[tuple[str, Any]]) -> tuple[str, ...]:
+def dimensions(
+    recorded: Mapping[str, Any], monitored: Iterable[tuple[str, Any]]
+) -> tuple[str, ...]:
     """Return the dimensions of the recorded and the monitored observables."""
     dims = [one.dims for one in recorded.values()]
-    dims += [found[2] for pair in watched for found in outputs(*pair).values()]
+    dims += [output[2] for pair in monitored for output in outputs(*pair).values()]
     return tuple(dict.fromkeys(name for each in dims for name in each))
 
 

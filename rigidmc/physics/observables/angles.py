@@ -6,7 +6,6 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.body_axes import described, described_attitude
 from rigidmc.physics.dynamics.methods import static_count
 from rigidmc.physics.dynamics.so3 import arctan2, cross, dot, into_body, root, sincos, vertical
@@ -18,7 +17,7 @@ from rigidmc.physics.observables.directions import (
     source,
     unit,
 )
-from rigidmc.physics.observables.protocol import observable
+from rigidmc.physics.observables.protocol import observable, require
 
 POINTING = "observables.pointing_angle"
 
@@ -58,10 +57,9 @@ class PointingAngle(NamedTuple):
 
     def check(self) -> None:
         """Raise SceneError unless both directions are valid."""
-        whole = type(self.axis) is int and abs(self.axis) in (1, 2, 3)
-        if not whole and not is_vector(self.axis):
-            rule = "expected 1, 2, 3, -1, -2 or -3, or a direction of three numbers"
-            raise SceneError(rule, at=f"{POINTING}.axis", value=self.axis)
+        is_axis = type(self.axis) is int and abs(self.axis) in (1, 2, 3)
+        rule = "expected 1, 2, 3, -1, -2 or -3, or a direction of three numbers"
+        require(is_axis or is_vector(self.axis), rule, f"{POINTING}.axis", self.axis)
         directions.check(self.about, f"{POINTING}.about")
 
     def label_fields(self) -> dict[str, Any]:
@@ -137,11 +135,11 @@ class OrbitAngles(NamedTuple):
     def check(self) -> None:
         """Raise SceneError unless the axes are right-handed."""
         three = isinstance(self.axes, Sequence) and len(self.axes) == 3
-        whole = three and all(type(i) is int and abs(i) in (1, 2, 3) for i in self.axes)
+        are_axes = three and all(type(i) is int and abs(i) in (1, 2, 3) for i in self.axes)
         # A left-handed frame has the determinant -1.
-        if not whole or np.linalg.det([unit(i) for i in self.axes]) < 0.5:
-            rule = "expected three different axes that are right-handed, such as [2, -3, -1]"
-            raise SceneError(rule, at=f"{ORBIT}.axes", value=self.axes)
+        is_right = are_axes and np.linalg.det([unit(i) for i in self.axes]) > 0.5
+        rule = "expected three different axes that are right-handed, such as [2, -3, -1]"
+        require(bool(is_right), rule, f"{ORBIT}.axes", self.axes)
 
     def label_fields(self) -> dict[str, Any]:
         """Return the axes as words."""

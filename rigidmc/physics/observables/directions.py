@@ -9,6 +9,7 @@ from rigidmc.physics.dynamics.methods import OFF, ON, Count, Flag, flag, static_
 from rigidmc.physics.dynamics.so3 import dot, first_three, into_body, vertical
 from rigidmc.physics.effects.field import RotatingField, UniformField, field_at
 from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
+from rigidmc.physics.observables.protocol import is_finite, require
 
 ORBIT = ("local_vertical", "along_track", "orbit_normal")
 WORDS = ("vertical", "momentum", "field", *ORBIT)
@@ -20,28 +21,21 @@ RULE = (
 
 def check(about: Any, at: str) -> None:
     """Raise SceneError unless `about` is a direction."""
-    if isinstance(about, str):
-        if about not in WORDS:
-            raise unknown("direction", WORDS, at=at, value=about)
-        return
-    if not is_vector(about):
-        raise SceneError(RULE, at=at, value=about)
+    if isinstance(about, str) and about not in WORDS:
+        raise unknown("direction", WORDS, at=at, value=about)
+    require(isinstance(about, str) or is_vector(about), RULE, at, about)
 
 
 def is_vector(value: Any) -> bool:
     """Return whether a value is three numbers that define a direction."""
     several = isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 3
-    return several and all(map(_is_finite, value)) and any(value)
+    return several and all(map(is_finite, value)) and any(value)
 
 
 def unit(axis: int) -> tuple[float, float, float]:
     """Return the unit vector of body axis 1, 2 or 3, or of its other end -1, -2 or -3."""
     one, two, three = (math.copysign(abs(axis) == i, axis) for i in (1, 2, 3))
     return one, two, three
-
-
-def _is_finite(x: Any) -> bool:
-    return isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x)
 
 
 def source(about: str, effects: Sequence[Any], at: str) -> int:
@@ -102,35 +96,33 @@ def make_direction(about: Any, effects: Sequence[Any], at: str) -> Direction:
 
 def direction_in_body(direction, effects, t, q, l):
     """Return a vector along a Direction, in body components."""
-    momentum, orbit, field, index, other, vector = direction
-    return direction_by_flags(momentum, orbit, field, index, other, vector, effects, t, q, l)
-
-
-def direction_by_flags(momentum, orbit, field, index, other, vector, effects, t, q, l):
-    """Compute `direction_in_body` for the Direction with these flags."""
-    if len(momentum) > 0:
+    if len(direction.momentum) > 0:
         return first_three(l)
-    if len(orbit) > 0:
-        return into_body(q, on_orbit(effects, index, other, t))
-    if len(field) > 0:
-        return into_body(q, on_field(effects, index, other, t))
-    if len(vector) > 0:
-        return into_body(q, vector)
+    if len(direction.orbit) > 0:
+        return into_body(q, on_orbit(effects, direction.which, direction.other, t))
+    if len(direction.field) > 0:
+        return into_body(q, on_field(effects, direction.which, direction.other, t))
+    if len(direction.vector) > 0:
+        return into_body(q, direction.vector)
     return vertical(q)
 
 
 def length(direction, v):
     """Return the length of a vector along a Direction: 1 except for momenta and fields."""
-    return length_of(direction.momentum, direction.field, v)
-
-
-def length_of(momentum, field, v):
-    """Compute `length` for the Direction with these flags."""
-    if len(momentum) > 0:
+    if len(direction.momentum) > 0:
         return math.sqrt(dot(v, v))
-    if len(field) > 0:
+    if len(direction.field) > 0:
         return math.sqrt(dot(v, v))
     return 1.0
+
+
+def marked_component(marks, v):
+    """Return the component of a vector along the first marked axis."""
+    if len(marks[0]) > 0:
+        return v[0]
+    if len(marks[1]) > 0:
+        return v[1]
+    return v[2]
 
 
 def on_orbit(effects, index, ahead, t):

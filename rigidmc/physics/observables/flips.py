@@ -10,7 +10,8 @@ from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.body_axes import described
 from rigidmc.physics.dynamics.methods import Flag, flag
 from rigidmc.physics.dynamics.so3 import dot, select
-from rigidmc.physics.observables.protocol import Array, EventRecord, event
+from rigidmc.physics.observables.directions import marked_component
+from rigidmc.physics.observables.protocol import Array, EventRecord, event, is_finite, require
 
 TABLE = "observables.flips"
 ALIKE = 1e-12  # moments with a smaller relative difference count as equal
@@ -66,13 +67,12 @@ class Flips(NamedTuple):
 
     def check(self) -> None:
         """Raise SceneError for an axis or an angle that is not allowed."""
-        if isinstance(self.axis, bool) or self.axis not in (0, 1, 2, 3):
-            rule = "expected 1, 2, 3, or 0 for the axis of the middle moment"
-            raise SceneError(rule, at=f"{TABLE}.axis", value=self.axis)
-        real = isinstance(self.within, (int, float)) and not isinstance(self.within, bool)
-        if not real or not 0.0 < self.within <= 0.5 * math.pi:
-            rule = 'expected an angle between 0 and pi/2 [rad]; degrees are written "60 deg"'
-            raise SceneError(rule, at=f"{TABLE}.within", value=self.within)
+        is_axis = not isinstance(self.axis, bool) and self.axis in (0, 1, 2, 3)
+        rule = "expected 1, 2, 3, or 0 for the axis of the middle moment"
+        require(is_axis, rule, f"{TABLE}.axis", self.axis)
+        is_angle = is_finite(self.within) and 0.0 < self.within <= 0.5 * math.pi
+        rule = 'expected an angle between 0 and pi/2 [rad]; degrees are written "60 deg"'
+        require(is_angle, rule, f"{TABLE}.within", self.within)
 
     def bind(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "FlipLevel":
         """Return the event for bodies of these moments (3, n); complete : if these are all."""
@@ -90,9 +90,9 @@ class Flips(NamedTuple):
                 raise SceneError(rule, at=f"{TABLE}.axis", value=self.axis)
             axes = sorted({int(i) for i in order[1]}) if complete else [0, 1, 2]
             some_alike = not complete or not different.all()
-        one, two, three = (flag(i in axes) for i in range(3))
+        marks = tuple(flag(i in axes) for i in range(3))
         square, is_principal = math.cos(self.within) ** 2, flag(self.axis == 0)
-        return FlipLevel(one, two, three, is_principal, square, flag(some_alike))
+        return FlipLevel(marks, is_principal, square, flag(some_alike))
 
     def label_fields(self) -> dict[str, Any]:
         """Return the axis and the angle."""
@@ -119,37 +119,31 @@ class Flips(NamedTuple):
 class FlipLevel(NamedTuple):
     """A component of L, as an event.
 
-    one, two, three : ON if this is the axis of some body; if several are ON, the axis of the middle
-        moment counts
+    axes : ON for each axis of some body; if several are ON, the axis of the middle moment counts
     principal : ON for a principal axis, OFF for one of the axes in which the body is described
     square : squared cosine of the angle within which the event arms
     alike : ON if some bodies may have two equal moments; those never flip
     """
 
-    one: Flag
-    two: Flag
-    three: Flag
+    axes: tuple[Flag, ...]
     principal: Flag
     square: float
     alike: Flag
 
     def level(self, body, l):
-        return component(self.principal, (self.one, self.two, self.three), body, l)
+        if len(self.principal) == 0:
+            return marked_component(self.axes, described(body, l))
+        return component(self.axes, body, l)
 
     def armed(self, body, l, level, armed):
         near = armed | (level * level > self.square * dot(l, l))
-        return armed_if_unequal(self.alike, body, near)
+        if len(self.alike) == 0:
+            return near
+        x, y, z = body.i1, body.i2, body.i3  # inverse moments: equal where the moments are
+        return near & differ(x, y) & differ(y, z) & differ(z, x)
 
     def counts_at_start(self):
         return False
-
-
-def armed_if_unequal(alike, body, near):
-    """Return `near`, but False for bodies with two equal moments, if there may be any."""
-    if len(alike) == 0:
-        return near
-    one, two, three = body.i1, body.i2, body.i3  # inverse moments: equal where the moments are
-    return near & differ(one, two) & differ(two, three) & differ(three, one)
 
 
 def differ(a, b):
@@ -157,10 +151,8 @@ def differ(a, b):
     return abs(a - b) > ALIKE * select(a > b, a, b)
 
 
-def component(principal, marks, body, l):
+def component(marks, body, l):
     """Return the component of L about the one marked axis, or about the middle axis."""
-    if len(principal) == 0:
-        return first_of(marks, described(body, l))
     if len(marks[0]) + len(marks[1]) + len(marks[2]) > 1:
         # Compare inverse moments member by member: members of one vector may have different axes.
         second = ((body.i1 >= body.i2) & (body.i2 >= body.i3)) | (
@@ -170,16 +162,4 @@ def component(principal, marks, body, l):
             (body.i2 <= body.i1) & (body.i1 <= body.i3)
         )
         return select(second, l[1], select(first, l[0], l[2]))
-    return first_of(marks, l)
-
-
-def first_of(marks, v):
-    """Return the component of a vector along the first marked axis."""
-    return first_if(marks[0], v[0], first_if(marks[1], v[1], v[2]))
-
-
-def first_if(condition, this, other):
-    """Return `this` if the mark is ON, else `other`."""
-    if len(condition) == 0:
-        return other
-    return this
+    return marked_component(marks, l)

@@ -1,14 +1,12 @@
 """Distribution of an observable over the ensemble at every save time, with no stored trajectory."""
 
-import math
 import re
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.errors import SceneError
-from rigidmc.physics.observables.protocol import Array, ensemble
+from rigidmc.physics.observables.protocol import Array, ensemble, is_finite, require
 
 TABLE = "observables.histogram"
 
@@ -45,21 +43,16 @@ class Histogram(NamedTuple):
 
     def check(self) -> None:
         """Raise SceneError for an invalid name or number."""
-        if not isinstance(self.of, str) or not re.fullmatch(r"[a-z0-9_]+(\[[1-4]\])?", self.of):
-            rule = 'expected the name of an observable, as in "energy" or "omega[3]"'
-            raise SceneError(rule, at=f"{TABLE}.of", value=self.of)
-        for key, end in (("low", self.low), ("high", self.high)):
-            real = isinstance(end, (int, float)) and not isinstance(end, bool)
-            if not real or not math.isfinite(end):
-                raise SceneError("expected a finite number", at=f"{TABLE}.{key}", value=end)
-        if not self.low < self.high:
-            raise SceneError(
-                f"expected more than low = {self.low:g}", at=f"{TABLE}.high", value=self.high
-            )
-        whole = isinstance(self.bins, int) and not isinstance(self.bins, bool)
-        if not whole or not 1 <= self.bins <= 100_000:
-            rule = "expected a whole number between 1 and 100000"
-            raise SceneError(rule, at=f"{TABLE}.bins", value=self.bins)
+        is_name = isinstance(self.of, str) and re.fullmatch(r"[a-z0-9_]+(\[[1-4]\])?", self.of)
+        rule = 'expected the name of an observable, as in "energy" or "omega[3]"'
+        require(bool(is_name), rule, f"{TABLE}.of", self.of)
+        for key, end in ("low", self.low), ("high", self.high):
+            require(is_finite(end), "expected a finite number", f"{TABLE}.{key}", end)
+        rule = f"expected more than low = {self.low:g}"
+        require(self.low < self.high, rule, f"{TABLE}.high", self.high)
+        is_whole = isinstance(self.bins, int) and not isinstance(self.bins, bool)
+        rule = "expected a whole number between 1 and 100000"
+        require(is_whole and 1 <= self.bins <= 100_000, rule, f"{TABLE}.bins", self.bins)
 
     @property
     def name(self) -> str:

@@ -9,7 +9,7 @@ from rigidmc.physics.dynamics.body_axes import described_attitude
 from rigidmc.physics.dynamics.functions import arcsine
 from rigidmc.physics.dynamics.so3 import arctan2, select
 from rigidmc.physics.observables.protocol import Array, running
-from rigidmc.physics.observables.statistics import lowered, raised
+from rigidmc.physics.observables.statistics import lowered
 
 
 @running(
@@ -54,9 +54,8 @@ class Nutation(NamedTuple):
         self, state: Array, now: Array, rates: Array, time: float, steps: Array
     ) -> Array:
         (low, high), step = state, time / steps
-        return np.stack(
-            [lowered(low, now[0], rates[0], step), raised(high, now[1], rates[1], step)]
-        )
+        rises = -lowered(-high, -now[1], -rates[1], step)
+        return np.stack([lowered(low, now[0], rates[0], step), rises])
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the outputs from the running state (2, n)."""

@@ -6,13 +6,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import unknown
 from rigidmc.physics.dynamics.body_axes import described
 from rigidmc.physics.dynamics.methods import Flag, flag
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import directions
-from rigidmc.physics.observables.directions import Direction, direction_in_body, length
-from rigidmc.physics.observables.protocol import Array, EventRecord, event
+from rigidmc.physics.observables.directions import (
+    Direction,
+    direction_in_body,
+    length,
+    marked_component,
+)
+from rigidmc.physics.observables.protocol import Array, EventRecord, event, is_finite, require
 
 TABLE = "observables.passage"
 WAYS, AT_START = ("leaves", "reaches"), ("count", "ignore")
@@ -79,27 +84,22 @@ class Passage(NamedTuple):
 
     def check(self) -> None:
         """Raise SceneError for an invalid axis, angle or word."""
-        if isinstance(self.axis, bool) or self.axis not in (1, 2, 3, -1, -2, -3):
-            rule = "expected 1, 2 or 3, or -1, -2, -3 for the other end of the axis"
-            raise SceneError(rule, at=f"{TABLE}.axis", value=self.axis)
-        real = isinstance(self.angle, (int, float)) and not isinstance(self.angle, bool)
-        if not real or not 0.0 < self.angle < math.pi:
-            rule = 'expected an angle between 0 and pi [rad]; degrees are written "30 deg"'
-            raise SceneError(rule, at=f"{TABLE}.angle", value=self.angle)
+        is_axis = not isinstance(self.axis, bool) and self.axis in (1, 2, 3, -1, -2, -3)
+        rule = "expected 1, 2 or 3, or -1, -2, -3 for the other end of the axis"
+        require(is_axis, rule, f"{TABLE}.axis", self.axis)
+        is_angle = is_finite(self.angle) and 0.0 < self.angle < math.pi
+        rule = 'expected an angle between 0 and pi [rad]; degrees are written "30 deg"'
+        require(is_angle, rule, f"{TABLE}.angle", self.angle)
         directions.check(self.about, f"{TABLE}.about")
-        for key, word, known in (
-            ("way", self.way, WAYS),
-            ("at_start", self.at_start, AT_START),
-        ):
-            if word not in known:
-                raise unknown("word", known, at=f"{TABLE}.{key}", value=word)
-        real = isinstance(self.hold, (int, float)) and not isinstance(self.hold, bool)
-        if not real or not 0.0 <= self.hold < math.inf:
-            raise SceneError(
-                "expected a time of 0 or more [s]", at=f"{TABLE}.hold", value=self.hold
-            )
-        if not isinstance(self.stop, bool):
-            raise SceneError("expected true or false", at=f"{TABLE}.stop", value=self.stop)
+        for key, word, words in ("way", self.way, WAYS), ("at_start", self.at_start, AT_START):
+            if word not in words:
+                raise unknown("word", words, at=f"{TABLE}.{key}", value=word)
+        is_time, rule = (
+            is_finite(self.hold) and self.hold >= 0.0,
+            "expected a time of 0 or more [s]",
+        )
+        require(is_time, rule, f"{TABLE}.hold", self.hold)
+        require(isinstance(self.stop, bool), "expected true or false", f"{TABLE}.stop", self.stop)
 
     def bind(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "ConeLevel":
         """Return the event for all bodies; raise SceneError if its orbit or field is missing."""
@@ -157,40 +157,21 @@ class ConeLevel(NamedTuple):
 
     def level(self, body, effects, t, q, l):
         d = described(body, direction_in_body(self.direction, effects, t, q, l))
-        return self.sign * along(self.axis, d) - self.cosine * length(self.direction, d)
+        return self.sign * marked_component(self.axis, d) - self.cosine * length(self.direction, d)
 
     def armed(self, level):
-        return may_pass(self.hold, level)
+        if len(self.hold) > 0:  # it may also end
+            # True for all members, as a mask of the vector's width; `level != level` is False.
+            return level == level
+        return level < 0.0
 
     def counts_at_start(self, level):
-        return counts(self.ignored, level)
+        if len(self.ignored) > 0:
+            return level != level
+        return level >= 0.0
 
     def dwell(self):
         return self.hold
 
     def is_terminal(self):
         return self.stop
-
-
-def may_pass(hold, level):
-    """Return whether an event may happen next; an event with a hold time may also end."""
-    if len(hold) > 0:
-        # True for all members, as a mask of the vector's width; `level != level` is False.
-        return level == level
-    return level < 0.0
-
-
-def counts(ignored, level):
-    """Return whether a start with this level counts as passed."""
-    if len(ignored) > 0:
-        return level != level
-    return level >= 0.0
-
-
-def along(marks, v):
-    """Return the marked component of a vector."""
-    if len(marks[0]) > 0:
-        return v[0]
-    if len(marks[1]) > 0:
-        return v[1]
-    return v[2]

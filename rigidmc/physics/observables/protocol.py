@@ -26,6 +26,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar, cast, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.body_axes import described, described_attitude
 from rigidmc.physics.dynamics.methods import OFF, ON, method
 
@@ -54,6 +55,18 @@ DIMENSIONS = {
 def size(dims: Dims, effects: int = 0) -> int:
     """Return the number of values with these dimensions. effects : length of "effect"."""
     return math.prod(effects if d == "effect" else len(DIMENSIONS[d].labels) for d in dims)
+
+
+def require(is_right: bool, rule: str, at: str, value: Any) -> None:
+    """Raise SceneError with a rule for the value of a parameter that is not right."""
+    if not is_right:
+        raise SceneError(rule, at=at, value=value)
+
+
+def is_finite(value: Any) -> bool:
+    """Return whether a value is a finite number."""
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return is_number and math.isfinite(value)
 
 
 @runtime_checkable
@@ -202,13 +215,8 @@ class EnsembleObservable(Monitored, Protocol):
         """Count values (times, members) into (times, bins + 2): below, in each bin, above."""
 
 
-def _conserved(self):
-    """Return the flag of a conserved observable."""
-    return ON
-
-
 def _is_on(self):
-    """Return the flag of a vector of the body, or of its attitude."""
+    """Return the flag of a conserved observable, of a vector of the body, or of its attitude."""
     return ON
 
 
@@ -245,18 +253,10 @@ _DEFAULTS: dict[type, dict[str, Any]] = {
 }
 # Former names of methods and facts, and their present names; until 1.0.
 OLD_WORDS = {
-    "turning": "extrema",
-    "sought": "extremum_limits",
-    "holds": "dwell",
-    "stops": "is_terminal",
-    "past": "counts_at_start",
-    "averages": "is_time_average",
-    "steady": "is_conserved",
-    "compiled": "bind",
-    "under": "bind",
-    "marks": "state_size",
-    "words": "label_fields",
-}
+    "turning": "extrema", "sought": "extremum_limits", "holds": "dwell", "stops": "is_terminal",
+    "past": "counts_at_start", "averages": "is_time_average", "steady": "is_conserved",
+    "compiled": "bind", "under": "bind", "marks": "state_size", "words": "label_fields",
+}  # fmt: skip
 # word and squares are of statistics, see `rigidmc.physics.observables.statistics`
 _STATED = ("word", "squares", "in_body", "parameter_units")
 Kind = TypeVar("Kind", bound=type)
@@ -266,7 +266,8 @@ def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
     """Return the decorator of classes for a protocol.
 
     The decorator states facts, `@observable(units="1", long_name="...", dims=())`, which become
-    class attributes. Type checkers would take attributes in the body of a NamedTuple for fields.
+    class attributes; it adds `is_monitored`. Type checkers would take attributes in the body of a
+    NamedTuple for fields.
     """
     known = {*_members(protocol), *_DEFAULTS[protocol], *_STATED}
 
@@ -281,8 +282,9 @@ def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
             for name, default in _DEFAULTS[protocol].items():
                 if not hasattr(cls, name):
                     setattr(cls, name, default)
+            cast(Any, cls).is_monitored = protocol is not Observable
             if facts.get("conserved"):
-                cast(Any, cls).is_conserved = _conserved
+                cast(Any, cls).is_conserved = _is_on
             _state_axes(cls)
             if missing := [name for name in _members(protocol) if not hasattr(cls, name)]:
                 words = ", ".join(missing)

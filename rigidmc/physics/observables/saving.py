@@ -28,10 +28,11 @@ from rigidmc.physics.dynamics.dual_arrays import DualArray, has_tangents, plain
 from rigidmc.physics.observables import (
     OBSERVABLES,
     OUTCOMES,
-    WATCHED,
+    bare_observables,
     default_names,
     is_opaque,
     label_observables,
+    monitors,
     outputs,
     own,
     statistics,
@@ -47,7 +48,8 @@ Values = dict[str, NDArray[Any]]
 
 def owners_of_variables(given: Iterable[Any] = ()) -> dict[str, str]:
     """Return {variable: observable over all steps that makes it}."""
-    kinds = {**WATCHED, **{word_of_observable(one): one for one in given if not is_opaque(one)}}
+    custom = {word_of_observable(one): one for one in given if not is_opaque(one)}
+    kinds = {**OBSERVABLES, **custom}
     return {name: word for word, one in kinds.items() for name in getattr(one, "outputs", ())}
 
 
@@ -73,11 +75,11 @@ def check_keep(keep: Keep, given: Sequence[Any] = ()) -> None:
     given : the observables of the scene, with their parameters
     """
     opaque = [label for label, one in label_observables(given) if is_opaque(one)]
-    names, summed = (*OBSERVABLES, *own(given), *opaque), statistics(given)
+    names, summed = (*bare_observables(), *own(given), *opaque), statistics(given)
     named = {None: keep} if isinstance(keep, str) else keep
     for name, word in named.items():
         key = "keep" if name is None else f"keep.{name}"
-        if name in WATCHED or name in owners_of_variables(given):
+        if name in monitors() or name in owners_of_variables(given):
             rule = (
                 "has one value per member, whatever is kept: keep is of observables at save times"
             )
@@ -209,4 +211,4 @@ def is_event_time(name: str, attrs: Mapping[str, Any]) -> bool:
     return (word if number.isdigit() else name) in _SHIPPED
 
 
-_SHIPPED = frozenset(name for kind in WATCHED.values() for name in kind.event_times or ())
+_SHIPPED = frozenset(name for kind in monitors().values() for name in kind.event_times or ())

@@ -7,6 +7,7 @@ top, are evaluated at the ends of steps.
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from rigidmc.physics.dynamics.methods import OFF, ON, implements
 from rigidmc.physics.dynamics.so3 import select
 from rigidmc.physics.observables.protocol import (
     Array,
+    Kind,
     is_conserved,
     monotone,
     observed,
@@ -126,18 +128,11 @@ def head(like, a):
     return (a[0],) + head(like[1:], a[1:])
 
 
-def take_third(a):
-    """Return a tuple with a third of the numbers."""
+def take_each(step, a):
+    """Return every len(step)-th number of a tuple, beginning with the first."""
     if len(a) == 0:
         return ()
-    return (a[0],) + take_third(a[3:])
-
-
-def take_fourth(a):
-    """Return a tuple with a fourth of the numbers."""
-    if len(a) == 0:
-        return ()
-    return (a[0],) + take_fourth(a[4:])
+    return (a[0],) + take_each(step, rest(step, a))
 
 
 def rest(like, a):
@@ -160,11 +155,6 @@ def lowered(state: Array, now: Array, rates: Array, step: Array) -> Array:
     """
     at_end = now - state <= _NEAR * step * np.abs(rates)
     return np.where(at_end & (rates < 0.0), rates, 0.0)
-
-
-def raised(state: Array, now: Array, rates: Array, step: Array) -> Array:
-    """Do the same as `lowered` for largest values."""
-    return -lowered(-state, -now, -rates, step)
 
 
 def summed(total: Array, last: Array, rate: Array, time: float, steps: Array) -> Array:
@@ -193,25 +183,44 @@ def counts_steps(one: Any) -> bool:
     return any(not np.array_equal(few[name], many[name], equal_nan=True) for name in few)
 
 
-@running(word="smallest", squares=False)
+def _statistic(
+    word: str, numbers: int, squares: bool = False, **shared: Callable[..., Any]
+) -> Callable[[Kind], Kind]:
+    """Return the decorator of a running statistic of an observable, its field `of`.
+
+    word : it is this word of the observable;  squares : whether it has the units squared
+    numbers : of its running state, per value;  shared : methods that other statistics have, too
+    """
+
+    def complete(cls: Kind) -> Kind:
+        methods = {**shared, "state_size": property(lambda self: numbers * size(self.of.dims))}
+        for name, each in methods.items():
+            setattr(cls, name, each)
+        return running(word=word, squares=squares)(cls)
+
+    return complete
+
+
+def _observed_values(self, body, effects, t, q, l):
+    return observe(self.of, body, effects, t, q, l)
+
+
+def _extrema_of_values(self, body, effects, t, q, l):
+    return extremal_numbers(self.of, observe(self.of, body, effects, t, q, l))
+
+
+def _averages_unless_conserved(self):
+    return negate(is_conserved(self.of))
+
+
+@_statistic("smallest", 1, begin=_observed_values, extrema=_extrema_of_values)
 class Minimum(NamedTuple):
     """The smallest of the values: at the start, after each step and within steps."""
 
     of: Any
 
-    @property
-    def state_size(self) -> int:
-        """One number per value: the smallest so far."""
-        return size(self.of.dims)
-
-    def begin(self, body, effects, t, q, l):
-        return observe(self.of, body, effects, t, q, l)
-
     def update(self, state, body, effects, t, q, l):
         return smaller(state, observe(self.of, body, effects, t, q, l))
-
-    def extrema(self, body, effects, t, q, l):
-        return extremal_numbers(self.of, observe(self.of, body, effects, t, q, l))
 
     def extremum_limits(self, state):
         return below(extremal_numbers(self.of, state))
@@ -229,25 +238,14 @@ class Minimum(NamedTuple):
         return {"min": by_rows(self.of, 1, state)[0]}
 
 
-@running(word="largest", squares=False)
+@_statistic("largest", 1, begin=_observed_values, extrema=_extrema_of_values)
 class Maximum(NamedTuple):
     """The largest of the values: at the start, after each step and within steps."""
 
     of: Any
 
-    @property
-    def state_size(self) -> int:
-        """One number per value: the largest so far."""
-        return size(self.of.dims)
-
-    def begin(self, body, effects, t, q, l):
-        return observe(self.of, body, effects, t, q, l)
-
     def update(self, state, body, effects, t, q, l):
         return larger(state, observe(self.of, body, effects, t, q, l))
-
-    def extrema(self, body, effects, t, q, l):
-        return extremal_numbers(self.of, observe(self.of, body, effects, t, q, l))
 
     def extremum_limits(self, state):
         return above(extremal_numbers(self.of, state))
@@ -258,14 +256,32 @@ class Maximum(NamedTuple):
     def lengthened(
         self, state: Array, now: Array, rates: Array, time: float, steps: Array
     ) -> Array:
-        return raised(state, now, rates, time / steps)
+        return -lowered(-state, -now, -rates, time / steps)
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the largest values."""
         return {"max": by_rows(self.of, 1, state)[0]}
 
 
-@running(word="mean over time of", squares=False)
+def _lengthened_sums(
+    self: Any, state: Array, now: Array, rates: Array, time: float, steps: Array
+) -> Array:
+    """Return the derivatives of the first values, the sums, and the last values."""
+    numbers = self.state_size // size(self.of.dims)
+    (first, *sums, last), rate = np.split(state, numbers), np.split(rates, numbers)[-1]
+    end = last - first
+    terms = (end, rate), (end * end, 2.0 * end * rate)
+    of_sums = [summed(x, *term, time, steps) for x, term in zip(sums, terms, strict=False)]
+    return np.concatenate([0.0 * rate, *of_sums, rate])
+
+
+_OF_SUMS: dict[str, Any] = {
+    "is_time_average": _averages_unless_conserved,
+    "lengthened": _lengthened_sums,
+}
+
+
+@_statistic("mean over time of", 3, **_OF_SUMS)
 class Mean(NamedTuple):
     """The mean over time by the trapezoidal rule.
 
@@ -273,11 +289,6 @@ class Mean(NamedTuple):
     """
 
     of: Any
-
-    @property
-    def state_size(self) -> int:
-        """Three numbers per value."""
-        return 3 * size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
         values = observe(self.of, body, effects, t, q, l)
@@ -288,21 +299,11 @@ class Mean(NamedTuple):
         shifts = head(values, state)
         return shifts + add_differences(head(values, rest(values, state)), values, shifts) + values
 
-    def is_time_average(self):
-        return negate(is_conserved(self.of))
-
     def reweighed(self, state, longer):
-        shifts = head(take_third(state), state)
+        shifts = head(take_each((0, 0, 0), state), state)
         sums = rest(shifts, state)
         last = rest(shifts, sums)
         return shifts + weigh_sums(head(shifts, sums), offsets(last, shifts), longer) + last
-
-    def lengthened(
-        self, state: Array, now: Array, rates: Array, time: float, steps: Array
-    ) -> Array:
-        first, total, last = np.split(state, 3)
-        rate = np.split(rates, 3)[2]
-        return np.concatenate([0.0 * rate, summed(total, last - first, rate, time, steps), rate])
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the mean; without steps, the first value."""
@@ -311,7 +312,7 @@ class Mean(NamedTuple):
             return {"mean": first + (total - 0.5 * (last - first)) / np.maximum(steps, 1.0)}
 
 
-@running(word="variance over time of", squares=True)
+@_statistic("variance over time of", 4, squares=True, **_OF_SUMS)
 class Variance(NamedTuple):
     """The variance over time by the trapezoidal rule.
 
@@ -321,11 +322,6 @@ class Variance(NamedTuple):
 
     of: Any
 
-    @property
-    def state_size(self) -> int:
-        """Four numbers per value."""
-        return 4 * size(self.of.dims)
-
     def begin(self, body, effects, t, q, l):
         values = observe(self.of, body, effects, t, q, l)
         return values + zeros(values) + zeros(values) + values
@@ -333,37 +329,18 @@ class Variance(NamedTuple):
     def update(self, state, body, effects, t, q, l):
         values = observe(self.of, body, effects, t, q, l)
         shifts, sums = head(values, state), rest(values, state)
-        return (
-            shifts
-            + add_differences(head(values, sums), values, shifts)
-            + add_squares(head(values, rest(values, sums)), values, shifts)
-            + values
-        )
-
-    def is_time_average(self):
-        return negate(is_conserved(self.of))
+        squares = add_squares(head(values, rest(values, sums)), values, shifts)
+        return shifts + add_differences(head(values, sums), values, shifts) + squares + values
 
     def reweighed(self, state, longer):
-        shifts = head(take_fourth(state), state)
+        shifts = head(take_each((0, 0, 0, 0), state), state)
         sums = rest(shifts, state)
         squares = rest(shifts, sums)
         last = rest(shifts, squares)
         end = offsets(last, shifts)
-        return (
-            shifts
-            + weigh_sums(head(shifts, sums), end, longer)
-            + weigh_sums(head(shifts, squares), add_squares(zeros(end), last, shifts), longer)
-            + last
-        )
-
-    def lengthened(
-        self, state: Array, now: Array, rates: Array, time: float, steps: Array
-    ) -> Array:
-        first, total, squares, last = np.split(state, 4)
-        rate, end = np.split(rates, 4)[3], last - first
-        sums = summed(total, end, rate, time, steps)
-        of_squares = summed(squares, end * end, 2.0 * end * rate, time, steps)
-        return np.concatenate([0.0 * rate, sums, of_squares, rate])
+        ends = add_squares(zeros(end), last, shifts)
+        sums = weigh_sums(head(shifts, sums), end, longer)
+        return shifts + sums + weigh_sums(head(shifts, squares), ends, longer) + last
 
     def results(self, state: Array, steps: Array) -> dict[str, Array]:
         """Return the variance; without steps, 0."""
@@ -376,22 +353,11 @@ class Variance(NamedTuple):
         return {"variance": variance}
 
 
-@running(word="last", squares=False)
+@_statistic("last", 1, begin=_observed_values, update=_observed_values)
 class Last(NamedTuple):
     """The values after the last step."""
 
     of: Any
-
-    @property
-    def state_size(self) -> int:
-        """One number per value."""
-        return size(self.of.dims)
-
-    def begin(self, body, effects, t, q, l):
-        return observe(self.of, body, effects, t, q, l)
-
-    def update(self, state, body, effects, t, q, l):
-        return observe(self.of, body, effects, t, q, l)
 
     def lengthened(
         self, state: Array, now: Array, rates: Array, time: float, steps: Array

@@ -12,6 +12,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import SaveTarget, StepRange
 from rigidmc.engine.kernel.layout import BLOCK
 from rigidmc.engine.program import Program
+from rigidmc.engine.program_spec import ProgramSpec
 from rigidmc.inputs.amounts import count_text
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators import StepScheme, keeps_remainders
@@ -146,7 +147,9 @@ class Costs:
         """
         h = 1e-6 * self.pilot.scene.run.t_end / self.pilot.base
         effects = blank(self.pilot.scene.effects)
-        program = Program(form, effects, observables, self.pilot.has_attitude, compensated, dtype)
+        attitude = self.pilot.has_attitude
+        spec = ProgramSpec(form, effects, observables, attitude, compensated, dtype)
+        program = Program(spec)
         own = int(self.pilot.member_steps and stride is None)
         few, steps = self.pilot.block, 32
         block = np.ascontiguousarray(np.tile(few, -(-512 // few.shape[1]))[:, :512])

@@ -13,6 +13,7 @@ from rigidmc.engine.kernel.arguments import SaveTarget, StepRange
 from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
+from rigidmc.engine.program_spec import ProgramSpec
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.observables import OBSERVABLES
@@ -241,8 +242,9 @@ def states_along(
     clock = Clock(run.h, units, run.h)
     cuts = cut_rows(scene.effects, clock, units, bool(run.member_steps))
     shortens, run = len(cuts) > 1, run._replace(cuts=cuts)
-    moved = blank(scene.effects), OBSERVED, pilot.has_attitude, compensated, dtype
-    program = Program(scheme, *moved, shortens=shortens)
+    effects, attitude = blank(scene.effects), pilot.has_attitude
+    spec = ProgramSpec(scheme, effects, OBSERVED, attitude, compensated, dtype, shortens=shortens)
+    program = Program(spec)
     width, saves = block.shape[1], (run.total + run.stride - 1) // run.stride + 1
     share = layout.LANES * max(1, math.ceil(width / layout.LANES / threads_available()))
     parts = [block[:, low : low + share].copy() for low in range(0, width, share)]

@@ -14,7 +14,7 @@ from rigidmc.errors import FileError, SceneError
 from rigidmc.files.netcdf import read
 from rigidmc.files.opening import open_plain
 from rigidmc.files.reading import text_of, toml
-from rigidmc.physics.observables import WATCHED
+from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.physics.observables.protocol import Growth
 from rigidmc.runs.directory.facts import hash_of
 from rigidmc.runs.directory.folder import RunDirectory, hash_of_file
@@ -29,7 +29,7 @@ STUDY = "study"  # the attribute with the name of a study, then its request as J
 
 
 # how the growth of a small change is found, and how it was before run.json told
-GROWTH_METHODS = {"megno": WATCHED["megno"].growth_method}
+GROWTH_METHODS = {"megno": OBSERVABLES["megno"].growth_method}
 FORMER_METHODS = {"megno": "neighbour"}
 
 

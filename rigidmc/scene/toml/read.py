@@ -22,7 +22,7 @@ from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import Effect, user_parameters
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.physics.observables import WATCHED, WITH_TABLE
+from rigidmc.physics.observables import OBSERVABLES, bare_observables
 from rigidmc.scene.settings import Run, Table, check_table, with_changes
 from rigidmc.scene.start import Start
 from rigidmc.scene.start_tables import WORDS, has_convention, is_start_table
@@ -83,7 +83,7 @@ def read_parts(
     code = folder if allow_code is True else allow_code
     columns = DataSources(stored, folder, code, stored is not None or is_run)
     for name in data:
-        for inside, known in (("effects", EFFECTS), ("observables", {**WITH_TABLE, **WATCHED})):
+        for inside, known in (("effects", EFFECTS), ("observables", _observables_with_table())):
             if name in known:
                 raise SceneError(f"is not a table of a scene: write [{inside}.{name}]", at=name)
     tables = check_table(_File, data, "")
@@ -240,9 +240,14 @@ def read_observables(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:
     """Return the observables of the tables [observables.NAME]; code : see
     `rigidmc.scene.user_parts.registry`."""
     return tuple(
-        _built("observables", name, table, {**WITH_TABLE, **WATCHED}, code)
+        _built("observables", name, table, _observables_with_table(), code)
         for name, table in _each(tables, "observables")
     )
+
+
+def _observables_with_table() -> dict[str, Any]:
+    bare = bare_observables()
+    return {name: kind for name, kind in OBSERVABLES.items() if name not in bare}
 
 
 def read_integrators(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:

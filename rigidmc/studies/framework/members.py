@@ -19,7 +19,7 @@ from rigidmc.mechanics.euler_angles import TEXTBOOK, angle_names
 from rigidmc.physics.dynamics.body_axes import body_axes
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import is_random
-from rigidmc.physics.observables import OBSERVABLES, label_observables
+from rigidmc.physics.observables import bare_observables, label_observables
 from rigidmc.planning.initial import make_sampler
 from rigidmc.planning.saves import first_and_last
 from rigidmc.processes.progress import Progress, announce, reporter, say
@@ -209,7 +209,7 @@ def drawn_families(scene: Scene, texts: Sequence[str], design: str, families: in
     design : the name of the points
     """
     scene = save_for_measures(scene.with_run(points=design), texts)
-    save = tuple(name for name in scene.run.save if name not in OBSERVABLES)
+    save = tuple(name for name in scene.run.save if name not in bare_observables())
     of_family = family_size(scene)
     refuse_count(families, "families", KEPT * of_family, "use fewer families")
     drawn: Scene = scene.with_run(save=save, members=families * of_family, first=0)

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys, SaveTarget, StepRange
-from rigidmc.engine.program import Derivatives, Program
+from rigidmc.engine.program import Program
+from rigidmc.engine.program_spec import Derivatives
 
 Array = NDArray[np.float64]
 COUNT = 6  # dimensions of attitude and momentum

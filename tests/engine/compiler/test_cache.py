@@ -40,6 +40,7 @@ import numpy as np
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects import ViscousDamping
 from rigidmc.engine import compile_helper, program
+from rigidmc.engine.program_spec import ProgramSpec
 from rigidmc.engine.compiler import machine_code
 from rigidmc.engine.kernel import arguments, block as one_block
 from rigidmc.engine.kernel import layout as K
@@ -65,7 +66,7 @@ compile_helper.threads_available = lambda: 1  # no second process: what is count
 lowered, lower = [], machine_code.lower
 machine_code.lower = lambda *given: lowered.append(given) or lower(*given)
 steps = arguments.StepRange(0.01, 1, 4, 4, 0, 0, 4)
-program.Program(scheme_of(RK4()), effects).advance(block, steps)
+program.Program(ProgramSpec(scheme_of(RK4()), effects)).advance(block, steps)
 misses = len(lowered)
 hits = len(machine_code._addresses) - misses
 state, home = block[:K.EXTRA, 0].tolist(), os.path.dirname(one_block.__file__)

@@ -20,12 +20,12 @@ from rigidmc.engine.kernel import layout as K
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects import Gravity, PeriodicTorque, ViscousDamping
 from rigidmc.physics.integrators import INTEGRATORS, TurnBounds, integrators_for, scheme_of
-from rigidmc.physics.observables import OBSERVABLES
+from rigidmc.physics.observables import bare_observables
 from rigidmc.physics.observables.protocol import size
 from tests.tools.kernels import block_of, make_block, program, run, slots
 
 EFFECTS = Gravity(9.81), ViscousDamping(0.1)
-EVERYTHING = tuple(kind() for kind in OBSERVABLES.values())
+EVERYTHING = tuple(kind() for kind in bare_observables().values())
 ROWS = sum(size(o.dims) for o in EVERYTHING)
 H, TOTAL, STRIDE, MEMBERS = 0.01, 47, 10, 96  # the last save is off the stride
 RK4 = scheme_of(INTEGRATORS["rk4"])
@@ -54,7 +54,7 @@ def same(a, b):
 
 
 def value_rows(name):
-    names = [n for n, kind in OBSERVABLES.items() for _ in range(size(kind.dims))]
+    names = [n for n, kind in bare_observables().items() for _ in range(size(kind.dims))]
     return [i for i, n in enumerate(names) if n == name]
 
 

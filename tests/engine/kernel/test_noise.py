@@ -16,6 +16,7 @@ from rigidmc.engine.formulas import evaluate
 from rigidmc.engine.kernel import arguments, layout
 from rigidmc.engine.kernel.noise import normal_deviates as of_step
 from rigidmc.engine.kernel.noise import normals, philox, uniform_number
+from rigidmc.engine.program_spec import ProgramSpec
 from rigidmc.engine.streams import key_of, stream_of
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.functions import as_float, as_word, logarithm
@@ -157,7 +158,7 @@ def test_steps_with_the_noise_of_steps_of_half_the_length(paired):
     body = MassProperties.of((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
     block = make_block(body, effects, np.eye(4)[:1].T.repeat(members, 1), np.zeros((3, members)))
     made = scheme_of(INTEGRATORS["strang"], TurnBounds(1.0, 1.0), effects)
-    moves = program.Program(made, blank(effects), paired=paired)
+    moves = program.Program(ProgramSpec(made, blank(effects), paired=paired))
     noise = arguments.NoiseKeys(*KEY, np.array([STREAM]), np.arange(members))
     moves.advance(block, arguments.StepRange(h, 1, steps, steps, 0, 0, steps), noise)
     keeps, spread = math.exp(-1.3 * h), math.sqrt(0.7 * (1.0 - math.exp(-2.6 * h)))

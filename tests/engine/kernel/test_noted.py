@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from rigidmc.engine.kernel.extrema import SubInterval, may_dip, running_extrema
-from rigidmc.engine.kernel.noted import first_note, may_change, noted_step
+from rigidmc.engine.kernel.running import first_note, may_change, noted_step
 from rigidmc.physics.observables.nutation import Nutation, Precession
 
 WHOLE = SubInterval(0.0, 1.0, 0.0, None, None)
@@ -33,10 +33,10 @@ def test_no_step_with_a_mark_is_left_out():
         slopes = size * rng.normal(size=2)
         values[1] = values[0] + 0.3 * slopes.sum() * rng.normal()
         high = max(values) + size * rng.uniform(-0.1, 0.3)
-        ends = [((float(v),), (float(s),)) for v, s in zip(values, slopes, strict=True)]
+        ends = [((float(v), float(s)),) for v, s in zip(values, slopes, strict=True)]
         state = ((min(low, *map(float, values)) - size * rng.uniform(-0.1, 0.3), float(high)),)
-        (one,) = running_extrema(RUNNING, True, WHOLE, state, *ends[0], *ends[1])
-        note = may_change(False, RUNNING, state, *ends[0], *ends[1])
+        (one,) = running_extrema(RUNNING, True, WHOLE, state, *ends)
+        note = may_change(False, RUNNING, state, *ends)
         assert note or not one.mark
         marked, noted = marked + bool(one.mark), noted + bool(note)
     assert 500 < marked <= noted < 1.1 * marked  # nearly all notes are needed
@@ -44,9 +44,9 @@ def test_no_step_with_a_mark_is_left_out():
 
 def test_a_note_needs_slopes_of_opposite_sign():
     state = ((0.5, 0.5),)
-    assert may_change(False, RUNNING, state, (0.5,), (-0.1,), (0.5,), (0.1,))
-    assert not may_change(False, RUNNING, state, (0.5,), (0.1,), (0.5,), (0.2,))
-    assert not may_change(False, RUNNING, state, (math.nan,), (-0.1,), (0.5,), (0.1,))
+    assert may_change(False, RUNNING, state, ((0.5, -0.1),), ((0.5, 0.1),))
+    assert not may_change(False, RUNNING, state, ((0.5, 0.1),), ((0.5, 0.2),))
+    assert not may_change(False, RUNNING, state, ((math.nan, -0.1),), ((0.5, 0.1),))
     assert not may_dip((math.nan, -0.1), (0.5, 0.1), WHOLE)
 
 

@@ -9,7 +9,7 @@ import rigidmc as rm
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects import Gravity
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.physics.observables import OBSERVABLES, WATCHED, WATCHED_STATISTICS, outputs
+from rigidmc.physics.observables import bare_observables, monitors, outputs, statistics
 from rigidmc.physics.observables.protocol import (
     EnsembleObservable,
     Event,
@@ -44,15 +44,16 @@ TRUE = {
     "l2_drift": (np.dot(L, L) - 5.0) / 5.0,
     "work": 1.5,
 }
+BARE = bare_observables()
 NUMBERS = {  # of summaries that need some
     "passage": {"axis": 3, "angle": 0.5},
     "histogram": {"of": "energy", "low": 0.0, "high": 1.0},
 }
 
 
-@pytest.mark.parametrize("name", OBSERVABLES)
+@pytest.mark.parametrize("name", BARE)
 def test_value_and_facts(name):
-    kind = OBSERVABLES[name]
+    kind = BARE[name]
     found = value(kind(), BODY, (Gravity(9.81),), 0.0, Q, L, START, (1.5,))
     assert len(found) == size(kind.dims, 1)
     if name in TRUE:
@@ -65,7 +66,7 @@ def test_value_and_facts(name):
 
 
 def test_every_observable_has_its_value_in_numpy():
-    assert TRUE.keys() == OBSERVABLES.keys()  # a new one: add its value to TRUE
+    assert TRUE.keys() == BARE.keys()  # a new one: add its value to TRUE
 
 
 LAWS = {"energy": True, "energy_drift": True, "lz": True, "l2": False}  # also under gravity?
@@ -82,23 +83,21 @@ def change_along(kind, effects):
     return largest
 
 
-@pytest.mark.parametrize("name", [name for name, kind in OBSERVABLES.items() if kind.conserved])
+@pytest.mark.parametrize("name", [name for name, kind in BARE.items() if kind.conserved])
 def test_a_law_that_an_observable_claims_holds(name):
-    kind = OBSERVABLES[name]
+    kind = BARE[name]
     assert change_along(kind, (Gravity(9.81),) * LAWS[kind.conserved]) < 1e-13  # measured 2e-15
 
 
 @pytest.mark.parametrize("name", ["omega", "momentum", "attitude", "l2"])
 def test_what_is_not_conserved_changes(name):
-    assert change_along(OBSERVABLES[name], (Gravity(9.81),)) > 0.1  # measured 0.43 to 0.85
+    assert change_along(BARE[name], (Gravity(9.81),)) > 0.1  # measured 0.43 to 0.85
 
 
 def over_steps():
     """{label: observable} of everything over all steps."""
-    summaries = {name: kind(**NUMBERS.get(name, {})) for name, kind in WATCHED.items()}
-    return summaries | {
-        name: kind(OBSERVABLES[of]()) for name, (of, kind) in WATCHED_STATISTICS.items()
-    }
+    summaries = {name: kind(**NUMBERS.get(name, {})) for name, kind in monitors().items()}
+    return summaries | {name: kind(BARE[of]()) for name, (of, kind) in statistics().items()}
 
 
 @pytest.mark.parametrize("label", over_steps())
@@ -126,7 +125,7 @@ def test_outputs_over_all_steps(label):
     assert len(found) == len(facts)
     for values, (_, _, dims) in zip(found.values(), facts.values(), strict=True):
         assert values.shape == (*[size((dim,)) for dim in dims], 2)
-    if label in WATCHED:
+    if label in monitors():
         assert list(found) == list(one.outputs)
 
 
