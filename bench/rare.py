@@ -161,12 +161,7 @@ def run(quick):
     """Return all rows of the bench."""
     warnings.simplefilter("ignore", rm.SceneWarning)
     rare = rare_rows(quick)
-    return [
-        *rare,
-        *rare_targets(rare),
-        *shares.measured(quick),
-        *multilevel.measured(quick),
-    ]
+    return [*rare, *rare_targets(rare), *shares.measured(quick), *multilevel.measured(quick)]
 
 
 def report(rows):

@@ -131,11 +131,7 @@ def test_a_tolerance_without_an_integrator_means_auto():
         rm.Scene.load("heavy_top", [("run.tolerance", "1e-6")]),
     ]
     for scene in made:
-        assert (scene.run.integrator, scene.run.dt, scene.run.tolerance) == (
-            "auto",
-            0.01,
-            1e-6,
-        )
+        assert (scene.run.integrator, scene.run.dt, scene.run.tolerance) == ("auto", 0.01, 1e-6)
         assert idle(scene.run) == {}
     assert top.with_run(tolerance=1e-6).with_run(integrator="rk4").run.tolerance is None
     assert rm.Scene.loads(file.dumps()).run.integrator == "auto"

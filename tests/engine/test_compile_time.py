@@ -116,8 +116,7 @@ def test_the_message_names_what_is_compiled():
     assert summary("rk8 + gravity", every) == "rk8 + gravity + events"
     assert (
         summary(
-            "rk4",
-            ["march", "begin_monitors", "monitor_steps", "begin_growth", "record_growth"],
+            "rk4", ["march", "begin_monitors", "monitor_steps", "begin_growth", "record_growth"]
         )
         == "rk4 + running observables + growth of a tangent"
     )

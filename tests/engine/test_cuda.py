@@ -25,16 +25,7 @@ import rigidmc as rm
 from bench import device as device_bench
 from bench.__main__ import main as bench_main
 from bench.bits import QUICK, sums
-from bench.gpu import (
-    APPROXIMATE,
-    NO_SPILL,
-    ROUNDED,
-    assembled,
-    inspected,
-    march_of,
-    scenes,
-    tool,
-)
+from bench.gpu import APPROXIMATE, NO_SPILL, ROUNDED, assembled, inspected, march_of, scenes, tool
 from rigidmc.engine import linked
 from rigidmc.engine.compiler import disk_cache
 from rigidmc.engine.compiler import kernels as pieces

@@ -90,10 +90,7 @@ def test_a_helper_executes_nothing_of_the_folder(planted, module, monkeypatch):
     monkeypatch.setattr(sys, "path", ["", str(planted), *sys.path])
     monkeypatch.setenv("PYTHONPATH", f":{planted}")
     question = [7, "netCDF", str(planted / "a.nc")]
-    task = {
-        "files.trial": json.dumps(question),
-        "engine.compile_helper": "[]",
-    }.get(module, "")
+    task = {"files.trial": json.dumps(question), "engine.compile_helper": "[]"}.get(module, "")
     with processes.start_helper(f"rigidmc.{module}") as helper:
         out, _ = helper.communicate(task, timeout=100)
     assert untouched(planted) is True

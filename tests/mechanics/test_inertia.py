@@ -92,17 +92,9 @@ def test_parallel_axes_are_what_the_particles_give():
 def test_which_principal_axes_survive_a_shift():
     axes = np.eye(3)
     # along an axis: all
-    assert inertia.survives(axes, (0.0, 0.0, 2.0)).tolist() == [
-        True,
-        True,
-        True,
-    ]
+    assert inertia.survives(axes, (0.0, 0.0, 2.0)).tolist() == [True, True, True]
     # in a plane of two: the third
-    assert inertia.survives(axes, (1.0, 2.0, 0.0)).tolist() == [
-        False,
-        False,
-        True,
-    ]
+    assert inertia.survives(axes, (1.0, 2.0, 0.0)).tolist() == [False, False, True]
     assert inertia.survives(axes, (1.0, 2.0, 3.0)).tolist() == [False, False, False]
     moved = inertia.about_point(np.diag([1.0, 2.0, 2.5]), 1.0, (1.0, 2.0, 0.0))
     assert moved[2, 0] == moved[2, 1] == 0.0

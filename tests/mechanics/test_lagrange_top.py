@@ -22,13 +22,7 @@ from rigidmc import (
     tilt_growth,
 )
 from rigidmc.mechanics import integrable_tops
-from rigidmc.mechanics.rotation import (
-    attitude_error,
-    euler,
-    from_euler,
-    matrix,
-    product,
-)
+from rigidmc.mechanics.rotation import attitude_error, euler, from_euler, matrix, product
 from tests.mechanics import oracles
 from tests.tools import reference
 

@@ -91,14 +91,7 @@ def test_rates_bound_omega_for_all_times():
 def test_own_steps():
     assert count_member_steps(
         np.array([0.0, 1.0, 1.01, np.nan, np.inf, 1e300]), 10.0, 0.5
-    ).tolist() == [
-        1,
-        20,
-        21,
-        1,
-        1,
-        MOST_OWN_STEPS,
-    ]
+    ).tolist() == [1, 20, 21, 1, 1, MOST_OWN_STEPS]
 
 
 def test_a_kernel_with_rounds_in_several_calls_is_the_same():

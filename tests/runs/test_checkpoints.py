@@ -227,11 +227,7 @@ def test_shards_take_so_long_at_most_where_that_is_measured(tmp_path, monkeypatc
 
     # 80,000 steps of 50 ns are 4 ms of each member, and 120 s are 30,000 members: 4 blocks
     block, shard, measured = made("plain")
-    assert (block, shard, measured) == (
-        4064,
-        16256,
-        True,
-    )
+    assert (block, shard, measured) == (4064, 16256, True)
     assert shard * 4e-3 < 120.0 < 2 * shard * 4e-3
     assert made("by size", 64 * 2**20)[1:] == (made("as a task", None, range(1))[1], False)
     assert made("short", run={"t_end": 4.0, "every": 4.0})[1:] == (

@@ -37,9 +37,7 @@ class Winch(NamedTuple):
 
     def torque(self, body, t, l):
         wave = select(
-            t < 1.0,
-            math.sin(self.rate * t),
-            math.sin(self.rate) * math.exp(self.decay * (1.0 - t)),
+            t < 1.0, math.sin(self.rate * t), math.sin(self.rate) * math.exp(self.decay * (1.0 - t))
         )
         x = self.speed * t
         low = select(x < 1.0, between(0, x), between(1, x))

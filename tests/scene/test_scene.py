@@ -51,11 +51,7 @@ BAD = {  # what is replaced, by what, and what the message must say
     "negative moment": ("[1.0, 2.0, 2.5]", "[-1.0, 2.0, 2.5]", ["[body]", "moments", "positive"]),
     "two moments": ("[1.0, 2.0, 2.5]", "[1.0, 2.0]", ["[body]", "moments", "3 components"]),
     "nan moment": ("[1.0, 2.0, 2.5]", "[nan, 2.0, 2.5]", ["[body]", "moments", "finite"]),
-    "text for a number": (
-        "9.81",
-        '"9.81"',
-        ["[effects.gravity]", "g", "'9.81'", "number"],
-    ),
+    "text for a number": ("9.81", '"9.81"', ["[effects.gravity]", "g", "'9.81'", "number"]),
     "two shapes": (
         "[body]",
         "[body]\nbox = { mass = 1.0, size = [1, 1, 1] }",

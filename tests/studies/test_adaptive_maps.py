@@ -22,8 +22,7 @@ from tests.tools.faulty import LINUX
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 SCENE = rm.Scene(
-    rm.Body.from_moments((0.5, 1.0, 1.4)),
-    start=rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 1e-3)),
+    rm.Body.from_moments((0.5, 1.0, 1.4)), start=rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 1e-3))
 )
 # a body turns over on the left and right, and too late below; beyond 2.4 there is none
 SIDES = ("body.moments.1", 0.2, 2.6), ("start.omega.2", 0.2, 1.5)

@@ -27,13 +27,7 @@ from rigidmc.studies.multilevel.corrections import (
 )
 from rigidmc.studies.multilevel.levels import APART, TASKS, state_after, sums, task_number
 from rigidmc.studies.multilevel.picture import multilevel_levels
-from rigidmc.studies.multilevel.study import (
-    dataset,
-    make_setup,
-    multilevel,
-    plain_members,
-    table,
-)
+from rigidmc.studies.multilevel.study import dataset, make_setup, multilevel, plain_members, table
 
 SCENE, TRUTH = equilibrium()
 MEASURE = "mean(energy_final)"

@@ -22,8 +22,7 @@ from rigidmc.studies.propagate.study import Input, deviations_of, linear_until, 
 
 A, C, SPIN, W1, W2 = 1.0, 1.5, 2.0, 0.3, 0.1
 TOP = rm.Scene(
-    rm.Body.from_moments((A, A, C)),
-    start=rm.Start(omega=(W1, W2, SPIN), attitude=(0.3, 0.2, 0.1)),
+    rm.Body.from_moments((A, A, C)), start=rm.Start(omega=(W1, W2, SPIN), attitude=(0.3, 0.2, 0.1))
 )
 NAMES = "start.omega", "body.moments.3"
 FACTOR = 1e-2 * np.random.default_rng(1).normal(size=(4, 4))

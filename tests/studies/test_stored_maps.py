@@ -13,12 +13,7 @@ from rigidmc.runs.directory.facts import facts_text, read_facts
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.question import make_request, read_stored_request
-from rigidmc.studies.stability_map.stored import (
-    create_map,
-    is_map,
-    members_of_pixels,
-    open_map,
-)
+from rigidmc.studies.stability_map.stored import create_map, is_map, members_of_pixels, open_map
 from tests.tools.commands import invoke
 
 # of long steps, which maps take on purpose

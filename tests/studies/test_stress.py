@@ -36,11 +36,7 @@ from rigidmc.studies.stress.motions import (
     worst,
 )
 from rigidmc.studies.stress.processes import run_case
-from rigidmc.studies.stress.truths import (
-    closed_states,
-    distance_to_closed_form,
-    flips,
-)
+from rigidmc.studies.stress.truths import closed_states, distance_to_closed_form, flips
 from tests.tools.axes import faults
 
 

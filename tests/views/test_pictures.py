@@ -284,8 +284,7 @@ def test_symmetric_tops_are_seen_along_their_symmetry_axis(free):
 def test_momentum_saved_instead_of_omega_gives_the_same_pictures(free):
     other = free.assign(momentum=free.omega * free.moments).drop_vars("omega")
     assert np.array_equal(
-        balls(globes.momentum_density(free)),
-        balls(globes.momentum_density(other)),
+        balls(globes.momentum_density(free)), balls(globes.momentum_density(other))
     )
     medians = [ensemble.middle_component(ds).axes[0].lines[0].get_ydata() for ds in (free, other)]
     assert np.abs(medians[0] - medians[1]).max() < 1e-15  # measured 0: moments are 1, 2, 3

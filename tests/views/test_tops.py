@@ -71,8 +71,7 @@ def test_the_portrait_of_a_pendulum_and_its_separatrix(pendulums):
     assert np.ptp(energy) < 1e-6 * abs(energy).max()  # the Hamiltonian; rk8 keeps it to 1e-9
     theta, rate = lines["separatrix"]
     assert np.allclose(
-        0.5 * inertia * rate**2,
-        abs(weight) * 2.0 * np.sin(0.5 * np.radians(theta)) ** 2,
+        0.5 * inertia * rate**2, abs(weight) * 2.0 * np.sin(0.5 * np.radians(theta)) ** 2
     )
 
 

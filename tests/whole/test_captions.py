@@ -298,14 +298,8 @@ FACTS = {
         ["by elliptic functions"],
         "tests/mechanics/test_lagrange_top.py::test_random_tops_and_weights_below",
     ),
-    "A heavy top in phase space": (
-        ["each top returns to the start"],
-        closed_portrait,
-    ),
-    "The ellipsoid that rolls without slipping": (
-        ["touches the invariable plane"],
-        rolling,
-    ),
+    "A heavy top in phase space": (["each top returns to the start"], closed_portrait),
+    "The ellipsoid that rolls without slipping": (["touches the invariable plane"], rolling),
     "Polhodes on the inertia ellipsoid": (["close to the separatrix"], handle),
     "A toy gyroscope": (["nods by one to three degrees"], gyroscope),
     "A pendulum of all amplitudes": (["wide swings take longer"], pendulum),
@@ -360,14 +354,8 @@ FACTS = {
         ["closed curves", "a fourth constant of motion"],
         SECTIONS + "test_a_constant_of_motion_at_the_points",
     ),
-    "Islands of regular motion in a sea of chaos, by their frequencies": (
-        ["another face"],
-        face,
-    ),
-    "The lean decides the nutation, the spin the precession": (
-        ["95 %"],
-        lean_and_spin,
-    ),
+    "Islands of regular motion in a sea of chaos, by their frequencies": (["another face"], face),
+    "The lean decides the nutation, the spin the precession": (["95 %"], lean_and_spin),
     "A rare event": (["p = 1e-5"], rare),
     "Few members take short steps": (
         [],

@@ -23,10 +23,7 @@ from tests.tools.reference import attitude_error
 
 # step times the largest rate of motion [rad]: one panel of the exact drift, 16 iterations of
 # midpoint
-TURN, STEPS = (
-    0.1,
-    24,
-)
+TURN, STEPS = (0.1, 24)
 NAMES = ("rk4", "rk8", "midpoint", "strang", "chin4", "srkn11", "exact")
 SAFE = Limits(0.05, math.inf, 0.05, math.pi, 1e-9)
 
@@ -138,11 +135,7 @@ ENERGY = {
 }
 SQUARE = {**dict.fromkeys(NAMES, 3e-14), "rk4": 1e-6}  # 2.7e-7; else 5.6e-15
 # 2.5e-7, 3.3e-4; else 9.1e-15
-VERTICAL = {
-    **dict.fromkeys(NAMES, 5e-14),
-    "rk4": 1e-6,
-    "midpoint": 2e-3,
-}
+VERTICAL = {**dict.fromkeys(NAMES, 5e-14), "rk4": 1e-6, "midpoint": 2e-3}
 names = st.sampled_from(NAMES)
 EXAMPLES = max(300, settings().max_examples)
 many = settings(

@@ -521,11 +521,7 @@ def test_a_run_with_an_own_effect_compiles_nothing_in_the_next_process(place):
 
 @pytest.mark.parametrize(
     ("of", "name", "value"),
-    [
-        (np, "__version__", "0"),
-        (numba, "__version__", "0"),
-        (disk_cache, "_C_LIBRARY", "glibc 1"),
-    ],
+    [(np, "__version__", "0"), (numba, "__version__", "0"), (disk_cache, "_C_LIBRARY", "glibc 1")],
 )
 def test_another_library_makes_all_kernels_stale(monkeypatch, of, name, value):
     before = disk_cache.compiler_stamp.__wrapped__()

@@ -11,8 +11,7 @@ from rigidmc.physics.effects.gravity_gradient import _nearer, _pull
 
 
 @pytest.mark.parametrize(
-    ("e", "bound"),
-    [(0.0, 1e-15), (0.3, 5e-15), (0.6, 7e-15), (0.9, 1.5e-14), (0.95, 5e-11)],
+    ("e", "bound"), [(0.0, 1e-15), (0.3, 5e-15), (0.6, 7e-15), (0.9, 1.5e-14), (0.95, 5e-11)]
 )
 def test_pull_and_place_are_those_of_keplers_equation(e, bound):
     """Measured 1e-16, 1e-15, 1.3e-15, 3e-15 and 9e-12; with the wrong sign of 2 e cos M in the

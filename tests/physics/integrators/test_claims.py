@@ -88,8 +88,7 @@ def single_error(name, dt, t_end):
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["exact", *(pytest.param(n, marks=pytest.mark.slow) for n in ("strang", "rk4", "rk8"))],
+    "name", ["exact", *(pytest.param(n, marks=pytest.mark.slow) for n in ("strang", "rk4", "rk8"))]
 )
 def test_the_error_of_float32(name):
     """To 40 %, of the one digit of the table."""

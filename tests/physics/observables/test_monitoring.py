@@ -496,14 +496,7 @@ def test_precession_from_the_half_line_where_turns_are_counted():
     half = math.cos(0.3), 0.0, -math.sin(0.3), 0.0  # axis 3 over -x, with y = -0.0
     for spin, expected in ((80.0, 1.249386), (-80.0, -1.249386)):  # DOP853, unwrapped
         scene = rm.Scene(body, GRAVITY, rm.Start(omega=(0.0, 0.0, spin), attitude=half))
-        ds = rm.simulate(
-            scene,
-            integrator="rk8",
-            dt=1e-3,
-            t_end=1.0,
-            members=1,
-            save=MANY,
-        )
+        ds = rm.simulate(scene, integrator="rk8", dt=1e-3, t_end=1.0, members=1, save=MANY)
         assert abs(ds.precession.values[0] - expected) < 1e-6
 
 
@@ -512,14 +505,7 @@ def test_nutation_near_the_vertical_keeps_its_digits():
     body = rm.Body.from_moments((1.0, 1.0, 1.5), mass=1.0, centre=(0.0, 0.0, 0.3))
     for lean in (1e-3, 1e-8):
         scene = rm.Scene(body, GRAVITY, rm.Start(omega=(0.0, 0.0, 50.0), attitude=(0.0, lean, 0.0)))
-        ds = rm.simulate(
-            scene,
-            integrator="rk8",
-            dt=0.02,
-            t_end=1.0,
-            members=1,
-            save=MANY,
-        )
+        ds = rm.simulate(scene, integrator="rk8", dt=0.02, t_end=1.0, members=1, save=MANY)
         # the largest that its spin allows
         assert abs(ds.nutation_min.values[0] / lean - 1.0) < 1e-6
 

@@ -64,10 +64,7 @@ def test_one_file_is_all_that_an_observable_and_an_event_need(new):
     l = ds.momentum.values
     expected = np.stack([l[:, 0] ** 2, l[:, 1] ** 2 + l[:, 2] ** 2], 1)
     assert ds.squares.dims == ("time", "part", "member")
-    assert list(ds.part.values) == [
-        "along",
-        "across",
-    ]
+    assert list(ds.part.values) == ["along", "across"]
     assert np.abs(ds.squares.values - expected).max() < 1e-15  # measured 2.2e-16
     level = expected[:, 1] - expected[:, 0]
     crossings = ((level[:-1] < 0.0) & (level[1:] >= 0.0)).sum(0)
