@@ -17,7 +17,6 @@ from typing import NamedTuple
 from unittest.mock import Mock
 
 import llvmlite.binding as llvm
-import numpy as np
 import pytest
 import xarray as xr
 
@@ -60,6 +59,7 @@ from tests.engine.test_bits import EXACT, NAMES, changed
 from tests.tools.commands import invoke
 from tests.tools.fake_cuda import fake as fake
 from tests.tools.plans import plan_of, program_of
+from tests.tools.same import assert_same
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning"),
@@ -85,8 +85,7 @@ def test_works_and_the_growth_of_tangents_have_the_bits_of_the_processor(fake):
     here, driver = rm.simulate(scene), fake()
     there = rm.simulate(scene, device="cuda")
     assert driver.launches and {"work", "lyapunov"} <= set(here.data_vars)
-    for name in here.data_vars:
-        assert here[name].values.tobytes() == there[name].values.tobytes(), name
+    assert_same(here, there)
 
 
 @pytest.mark.slow
@@ -113,8 +112,7 @@ def test_a_shorter_last_interval_has_the_same_bits(settings, fake):
     here, driver = rm.simulate(one), fake()
     there = rm.simulate(one, device="cuda")
     assert driver.launches
-    for name in here.data_vars:
-        assert np.array_equal(here[name].values, there[name].values, equal_nan=True), name
+    assert_same(here, there)
 
 
 WRT = "start.omega.size", "start.omega.angle", "body.moments.1", "effects.gravity.g"
@@ -129,8 +127,7 @@ def test_derivatives_have_the_bits_of_the_processor(integrator, fake):
     here, driver = rm.simulate(scene), fake()
     there = rm.simulate(scene, device="cuda")
     assert driver.launches
-    for name in here.data_vars:
-        assert np.array_equal(here[name].values, there[name].values, equal_nan=True), name
+    assert_same(here, there)
 
 
 @pytest.mark.parametrize(("integrator", "passes"), [("rk4", (2, 2)), ("rk8", (1, 4))])
@@ -267,8 +264,7 @@ def test_launches_are_short_and_change_no_bit(every, fake, monkeypatch):
     monkeypatch.setattr(cuda, "LAUNCH", 1e-5)
     monkeypatch.setattr(cuda, "SAVED", 8)
     ds = rm.simulate(scene, device="cuda", threads=3, block=32)
-    for name in alone.data_vars:
-        assert ds[name].values.tobytes() == alone[name].values.tobytes(), name
+    assert_same(alone, ds)
     assert len(driver.launches) > 12  # measured 253
     assert driver.used == {0, 1}
     # what is left are the numbers of programs

@@ -15,6 +15,7 @@ from rigidmc.engine.wasm import module, program
 from rigidmc.engine.wasm.fused import EXACT, ONE, RELAXED, fused_in_range
 from rigidmc.studies.bits import cases
 from tests.engine.test_bits import changed
+from tests.tools.same import assert_same
 
 pytest.importorskip("wasmtime")
 
@@ -130,8 +131,7 @@ SCENE = {"integrator": "rk8", "dt": 0.01, "t_end": 1.0, "every": 0.25, "members"
 
 def test_a_heavy_top_has_the_bits_of_the_processor():
     here, there = (rm.simulate("heavy_top", device=d, **SCENE) for d in ("cpu", "wasm"))
-    for name in here.data_vars:
-        assert here[name].values.tobytes() == there[name].values.tobytes(), name
+    assert_same(here, there)
 
 
 @pytest.mark.slow

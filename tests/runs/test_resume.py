@@ -35,6 +35,7 @@ from rigidmc.runs.directory.folder import RunDirectory
 from tests.tools import torture
 from tests.tools.commands import ALONE_COMMAND, COMMAND, invoke, words_of
 from tests.tools.faulty import LINUX
+from tests.tools.same import assert_same
 from tests.tools.torture import sums
 
 MEMBERS, SIZE = 1000, 40_000  # five shards of 192 members, the last of them partial
@@ -79,8 +80,7 @@ def whole(tmp_path_factory):
 
 def test_a_run_equals_a_file(whole, tmp_path):
     ds, direct = gather.consolidate(whole, tmp_path / "one.nc"), rm.simulate(SCENE)
-    for name in direct.data_vars:
-        assert np.array_equal(ds[name].values, direct[name].values, equal_nan=True), name
+    assert_same(direct, ds)
     assert ds.attrs["scene"] == direct.attrs["scene"] and set(ds.data_vars) == set(direct.data_vars)
     assert run_directory.status(whole)["done"] == 6 and gather.verify(whole) == []
     assert "differs" not in rm.rerun(ds, 777).attrs["rerun"]
@@ -130,8 +130,7 @@ def test_a_run_is_opened_without_reading_it(whole, tmp_path):
         name in ("time", "axis", "quat", "member") or ds[name].chunks is not None
         for name in ds.variables
     )
-    for name in direct.data_vars:
-        assert np.array_equal(ds[name].values, direct[name].values, equal_nan=True), name
+    assert_same(direct, ds)
     assert "equal to the bit" in ds.rigid.rerun(500).attrs["rerun"]
     started(tmp_path / "part")
     resume.resume(tmp_path / "part", only=range(2, 4))
@@ -549,8 +548,7 @@ def test_rows_of_their_own_go_with_the_run(tmp_path):
     resume.extend(directory.path, MEMBERS)
     resume.resume(directory.path)
     made, direct = rm.open(directory.path), rm.simulate(scene)
-    for name in direct.data_vars:
-        assert np.array_equal(made[name].values, direct[name].values, equal_nan=True), name
+    assert_same(direct, made)
     assert gather.verify(directory.path) == []
     with pytest.raises(OptionError, match="rows for 1,000"):
         resume.extend(directory.path, MEMBERS + 1)

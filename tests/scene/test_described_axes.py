@@ -1,6 +1,6 @@
 """The axes in which a body is described are its axes, in all that a scene says and a result shows.
 
-The truth is Euler's equations with the full tensor, by scipy (`tests.tools.body_truth`).
+The truth is Euler's equations with the full tensor, by scipy (`tests.physics.effects.laws`).
 """
 
 import math
@@ -25,8 +25,7 @@ from rigidmc.protocols import (
     scale,
     vertical,
 )
-from tests.tools import body_truth
-from tests.tools.body_truth import Motion, Properties
+from tests.physics.effects.laws import Motion, Properties, anomaly
 
 END, DT = 3.0, 0.01
 START = {"omega": (0.9, -1.3, 0.7), "attitude": (0.7, -0.1, 0.5, 0.5)}
@@ -119,81 +118,54 @@ UNCERTAIN = rm.Body.from_tensor(
     rm.UncertainInertia(LARGE, PRODUCT_SPREAD**2 * np.eye(6)), 2.0, (0.1, -0.05, 0.08)
 )
 
-WHEEL, MOTOR = (0.2, -0.1, 0.3), (0.02, 0.01, -0.03)
+WHEEL = rm.Rotor((0.2, -0.1, 0.3), (0.02, 0.01, -0.03))
 FIELD, DIPOLE, RATE = (0.2, 0.5, -0.3), (0.3, -0.4, 0.25), 1.1
 MATRIX, LINEAR = (0.1, 0.05, 0.2, 0.02, -0.01, 0.03), (0.2, -0.1, 0.3)
 QUADRATIC = (0.2, 0.5, -0.3, 0.1, 0.25, -0.15)
 ON_ORBIT = {"mu": MU, "distance": DISTANCE, "eccentricity": ECCENTRICITY, "anomaly": ANOMALY}
 
-# {name: ((effect of the package, effect of the truth), ...)}
 EFFECTS = {
     "free": (),
-    "gravity": ((rm.Gravity(3.0), body_truth.gravity(3.0)),),
-    "gravity_gradient": (
-        (
-            rm.GravityGradient(**ON_ORBIT),
-            body_truth.gravity_gradient(MU, DISTANCE, ECCENTRICITY, ANOMALY),
-        ),
-    ),
-    "spring": (
-        (
-            rm.Spring(0.8, at=(0.1, 0.2, 0.3), to=(0.1, 0.0, 1.0), length=0.3),
-            body_truth.spring(0.8, (0.1, 0.2, 0.3), (0.1, 0.0, 1.0), 0.3),
-        ),
-    ),
-    "uniform_field": ((rm.UniformField(DIPOLE, FIELD), body_truth.uniform_field(DIPOLE, FIELD)),),
-    "rotating_field": (
-        (rm.RotatingField(DIPOLE, FIELD, RATE), body_truth.rotating_field(DIPOLE, FIELD, RATE)),
-    ),
-    "potential": ((rm.Potential(LINEAR, QUADRATIC), body_truth.potential(LINEAR, QUADRATIC)),),
-    "moving_pivot": (
-        (
-            rm.MovingPivot((0.1, -0.05, 0.2), 3.0, 0.4),
-            body_truth.moving_pivot((0.1, -0.05, 0.2), 3.0, 0.4),
-        ),
-    ),
-    "body_torque": ((rm.BodyTorque((0.1, -0.2, 0.05)), body_truth.body_torque((0.1, -0.2, 0.05))),),
-    "space_torque": (
-        (rm.SpaceTorque((0.1, -0.2, 0.05)), body_truth.space_torque((0.1, -0.2, 0.05))),
-    ),
-    "periodic_torque": (
-        (
-            rm.PeriodicTorque((0.3, -0.2, 0.1), 2.0, 0.7),
-            body_truth.periodic_torque((0.3, -0.2, 0.1), 2.0, 0.7),
-        ),
-    ),
-    "rotor": ((rm.Rotor(WHEEL, MOTOR), body_truth.rotor(WHEEL, MOTOR)),),
-    "viscous_damping": ((rm.ViscousDamping(0.2), body_truth.viscous_damping(0.2)),),
-    "matrix_damping": ((rm.MatrixDamping(MATRIX), body_truth.matrix_damping(MATRIX)),),
-    "quadratic_drag": ((rm.QuadraticDrag(0.1), body_truth.quadratic_drag(0.1)),),
-    "dry_friction": ((rm.DryFriction(0.2, 0.1), body_truth.dry_friction(0.2, 0.1)),),
-    "energy_dissipation": (
-        (rm.Rotor(WHEEL, MOTOR), body_truth.rotor(WHEEL, MOTOR)),
-        (rm.EnergyDissipation(0.1), body_truth.energy_dissipation(0.1, WHEEL, MOTOR)),
-    ),
-    "internal_dissipation": (
-        (rm.Rotor(WHEEL, MOTOR), body_truth.rotor(WHEEL, MOTOR)),
-        (rm.InternalDissipation(0.1), body_truth.internal_dissipation(0.1, WHEEL, MOTOR)),
-    ),
+    "gravity": (rm.Gravity(3.0),),
+    "gravity_gradient": (rm.GravityGradient(**ON_ORBIT),),
+    "spring": (rm.Spring(0.8, at=(0.1, 0.2, 0.3), to=(0.1, 0.0, 1.0), length=0.3),),
+    "uniform_field": (rm.UniformField(DIPOLE, FIELD),),
+    "rotating_field": (rm.RotatingField(DIPOLE, FIELD, RATE),),
+    "potential": (rm.Potential(LINEAR, QUADRATIC),),
+    "moving_pivot": (rm.MovingPivot((0.1, -0.05, 0.2), 3.0, 0.4),),
+    "body_torque": (rm.BodyTorque((0.1, -0.2, 0.05)),),
+    "space_torque": (rm.SpaceTorque((0.1, -0.2, 0.05)),),
+    "periodic_torque": (rm.PeriodicTorque((0.3, -0.2, 0.1), 2.0, 0.7),),
+    "rotor": (WHEEL,),
+    "viscous_damping": (rm.ViscousDamping(0.2),),
+    "matrix_damping": (rm.MatrixDamping(MATRIX),),
+    "quadratic_drag": (rm.QuadraticDrag(0.1),),
+    "dry_friction": (rm.DryFriction(0.2, 0.1),),
+    "energy_dissipation": (WHEEL, rm.EnergyDissipation(0.1)),
+    "internal_dissipation": (WHEEL, rm.InternalDissipation(0.1)),
 }
-GROUND = tuple(
-    pair
-    for name in (
-        "gravity", "spring", "uniform_field", "body_torque", "periodic_torque", "rotor",
-        "matrix_damping", "potential",
-    )
-    for pair in EFFECTS[name]
+
+
+def effects_of(*names):
+    return tuple(effect for name in names for effect in EFFECTS[name])
+
+
+GROUND = effects_of(
+    "gravity", "spring", "uniform_field", "body_torque", "periodic_torque", "rotor",
+    "matrix_damping", "potential",
 )  # fmt: skip
-ORBIT = tuple(
-    pair
-    for name in ("gravity_gradient", "rotating_field", "energy_dissipation")
-    for pair in EFFECTS[name]
-)
+ORBIT = effects_of("gravity_gradient", "rotating_field", "energy_dissipation")
+
+
+def motion_of(body, effects, end=END, points=4001):
+    """The true motion of a body from START."""
+    named = [(name_of(effect), effect) for effect in effects]
+    return Motion(body, named, START["omega"], START["attitude"], end, points)
 
 
 def outward(t, ahead=0.0):
     """The direction from the central body outward, or along the track, in space."""
-    nu = body_truth.anomaly(MU, DISTANCE, ECCENTRICITY, ANOMALY, t)[1] + ahead
+    nu = anomaly(MU, DISTANCE, ECCENTRICITY, ANOMALY, t)[1] + ahead
     return math.cos(nu), math.sin(nu), 0.0
 
 
@@ -246,15 +218,13 @@ def observables(directions, orbit):
     return (*cones, *angles, *flips, *counts, *([rm.OrbitAngles((2, -3, -1))] if orbit else ()))
 
 
-def simulated(body, pairs, directions=EVERYWHERE, orbit=False, **more):
+def simulated(body, effects, directions=EVERYWHERE, orbit=False, **more):
     """A result with everything that a scene can save."""
     seen = observables(directions, orbit)
-    scene = rm.Scene(
-        body, tuple(effect for effect, _ in pairs), rm.Start(**START), observables=seen
-    )
+    scene = rm.Scene(body, effects, rm.Start(**START), observables=seen)
     saved = ["omega", "momentum", "attitude", "energy", "nutation", "precession"]
     saved += [f"{name}_{how}" for name in COMPONENTS for how in STATISTICS]
-    saved += ["pointing_angle_min", "pointing_angle_max"] + (["work"] if pairs else [])
+    saved += ["pointing_angle_min", "pointing_angle_max"] + (["work"] if effects else [])
     defaults = {"integrator": "rk8", "dt": DT, "t_end": END, "every": 0.1, "members": 1}
     return rm.simulate(scene, save=tuple(saved) + seen, **{**defaults, **more})
 
@@ -264,14 +234,14 @@ def size_of(x):
     return max(1.0, float(np.abs(x).max()))
 
 
-def compare(ds, body, pairs, directions=EVERYWHERE, orbit=False, member=0, turn=None):
+def compare(ds, body, effects, directions=EVERYWHERE, orbit=False, member=0, turn=None):
     """{variable: error} of a member of a result, relative to 1 or to the largest value.
 
     turn : a rotation of the truth's axes, by which the comparison must fail
     """
     if turn is not None:
         body = Properties(turn.T @ body.tensor @ turn, body.mass, turn.T @ body.centre)
-    motion = Motion(body, [truth for _, truth in pairs], START["omega"], START["attitude"], END)
+    motion = motion_of(body, effects)
     one, found = ds.isel(member=member), {}
 
     def note(name, got, true, scale=1.0):
@@ -284,9 +254,9 @@ def compare(ds, body, pairs, directions=EVERYWHERE, orbit=False, member=0, turn=
     q, true = one.attitude.transpose("quat", "time").values, motion.attitude(y)
     note("attitude", q * np.sign((q * true).sum(0)), true)
     note("energy", one.energy.values, motion.energy(y), size_of(motion.energy(y)))
-    if pairs:
+    if effects:
         order = one.effect.values.tolist()
-        mine = [name_of(effect) for effect, _ in pairs]
+        mine = [name_of(effect) for effect in effects]
         note("work", one.work.values[:, [order.index(w) for w in mine]].T, motion.work(y))
     for name in COMPONENTS:
         get = getattr(motion, name)
@@ -322,7 +292,7 @@ def compare(ds, body, pairs, directions=EVERYWHERE, orbit=False, member=0, turn=
         times = motion.flips(AXES[i], 1.2)
         note_events(note, one, ("flips", "flip_first", "flip_last"), i, times)
     if orbit:
-        nu = np.array([body_truth.anomaly(MU, DISTANCE, ECCENTRICITY, ANOMALY, t)[1] for t in at])
+        nu = np.array([anomaly(MU, DISTANCE, ECCENTRICITY, ANOMALY, t)[1] for t in at])
         roll, pitch, yaw = motion.orbit_angles(y, nu, (1, 2, 0), (1, -1, -1))
         got = one.orbit_angles.transpose("angle", "time").values
         apart = got - np.array([roll, pitch, yaw])
@@ -371,29 +341,33 @@ def test_free_bodies_in_closed_form(name):
     saved = ("omega", "momentum", "attitude", "energy", "pointing_angle")
     ds = rm.simulate(scene, integrator="closed", dt=DT, t_end=1.0, every=0.5, members=1, save=saved)
     assert ("body_axes" in ds.attrs) == body.is_turned
-    errors = states_apart(ds.isel(member=0), tensor)
+    errors = states_apart(ds.isel(member=0), motion_of(Properties(tensor), (), 1.0, 11))
     assert max(errors.values()) < 1e-13, errors  # measured 5.7e-15
     one = np.array(tensor)
     if np.ptp(np.linalg.eigvalsh(one)) > 1e-9:  # a sphere is the same in any axes
         turn = Rotation.from_rotvec((0.2, 0.1, -0.3)).as_matrix()
-        assert min(states_apart(ds.isel(member=0), turn.T @ one @ turn).values()) > 1e-4
+        other = motion_of(Properties(turn.T @ one @ turn), (), 1.0, 11)
+        assert min(states_apart(ds.isel(member=0), other).values()) > 1e-4
 
 
-def states_apart(one, tensor):
-    """{name: error} of the saved states of a free member."""
-    motion = Motion(Properties(tensor), (), START["omega"], START["attitude"], 1.0, points=11)
+def turned_apart(one, true):
+    """The largest error of the saved attitudes of a member."""
+    q = one.attitude.transpose("quat", "time").values
+    return np.abs(q * np.sign((q * true).sum(0)) - true).max()
+
+
+def states_apart(one, motion):
+    """{name: error} of the saved states of a member."""
     y = motion.solution(one.time.values)
-    q, true = one.attitude.transpose("quat", "time").values, motion.attitude(y)
-    return {
-        "attitude": np.abs(q * np.sign((q * true).sum(0)) - true).max(),
-        "omega": np.abs(one.omega.transpose("axis", "time").values - motion.omega(y)).max(),
-        "momentum": np.abs(
-            one.momentum.transpose("axis", "time").values - motion.momentum(y)
-        ).max(),
-    }
+    errors = {"attitude": turned_apart(one, motion.attitude(y))}
+    for name in ("omega", "momentum"):
+        if name in one:
+            saved = one[name].transpose("axis", "time").values
+            errors[name] = np.abs(saved - getattr(motion, name)(y)).max()
+    return errors
 
 
-FEW = EFFECTS["gravity"] + EFFECTS["uniform_field"] + EFFECTS["rotor"]
+FEW = effects_of("gravity", "uniform_field", "rotor")
 
 
 @pytest.mark.slow
@@ -401,10 +375,9 @@ def test_monitored_steps():
     """An event and extremes within steps, of axes half a turn away and of members whose axes
     differ; the slow tests have the other observables."""
     saved = ("omega", "attitude", "omega_max", rm.Passage(3, 1.8))
-    effects = tuple(effect for effect, _ in FEW)
     for make in (BODIES["half turn"], lambda: (UNCERTAIN,)):
         body, *known = make()
-        scene = rm.Scene(body, effects, rm.Start(**START))
+        scene = rm.Scene(body, FEW, rm.Start(**START))
         settings = {"dt": 0.02, "t_end": END, "every": 1.5, "members": 1 if known else 3}
         ds = rm.simulate(scene, integrator="rk4", save=saved, **settings)
         truths = [Properties(*known)] if known else own_bodies(ds)
@@ -423,13 +396,11 @@ def own_bodies(ds):
 
 def monitored_apart(one, body):
     """{name: error} of the events and extremes of a member."""
-    motion = Motion(body, [truth for _, truth in FEW], START["omega"], START["attitude"], END, 601)
+    motion = motion_of(body, FEW, points=601)
     passages = motion.passages(AXES[2], 1.8)
     assert one.passages.item() == len(passages)
-    q = one.attitude.transpose("quat", "time").values
-    true = motion.attitude(motion.solution(one.time.values))
     errors = {
-        "attitude": np.abs(q * np.sign((q * true).sum(0)) - true).max(),
+        "attitude": turned_apart(one, motion.attitude(motion.solution(one.time.values))),
         "omega": np.abs(one.omega.values[-1] - motion.omega(motion.states[:, -1:])[:, 0]).max(),
     }
     for k in range(3):
@@ -497,23 +468,18 @@ def test_all_observables_of_uncertain_bodies():
 @pytest.mark.parametrize("name", EFFECTS)
 def test_every_effect(name):
     """Each effect alone, of every body."""
-    worst, pairs = {}, EFFECTS[name]
+    worst, effects = {}, EFFECTS[name]
     for body_name, make in BODIES.items():
         body, tensor, mass, centre = make()
         if name == "gravity_gradient":
             body, tensor, centre = (
                 body.with_pivot_at_centre(), about_centre(tensor, mass, centre), (0.0, 0.0, 0.0),
             )  # fmt: skip
-        scene = rm.Scene(body, tuple(effect for effect, _ in pairs), rm.Start(**START))
+        scene = rm.Scene(body, effects, rm.Start(**START))
         settings = {"dt": DT, "t_end": END, "every": 0.5, "members": 1, "checks": False}
         ds = rm.simulate(scene, integrator="rk8", save=("omega", "attitude"), **settings)
-        truths = [truth for _, truth in pairs]
-        body = Properties(tensor, mass, centre)
-        motion = Motion(body, truths, START["omega"], START["attitude"], END, points=11)
-        y, one = motion.solution(ds.time.values), ds.isel(member=0)
-        q, true = one.attitude.transpose("quat", "time").values, motion.attitude(y)
-        omega = np.abs(one.omega.transpose("axis", "time").values - motion.omega(y)).max()
-        worst[body_name] = max(np.abs(q * np.sign((q * true).sum(0)) - true).max(), omega)
+        motion = motion_of(Properties(tensor, mass, centre), effects, points=11)
+        worst[body_name] = max(states_apart(ds.isel(member=0), motion).values())
     print(name, {body: f"{error:.1e}" for body, error in worst.items()})
     assert max(worst.values()) < 1e-12, worst
 

@@ -16,6 +16,7 @@ from rigidmc.studies.section import points
 from rigidmc.studies.section.picture import section_points
 from rigidmc.studies.section.points import crossing_of, period_of
 from rigidmc.studies.section.study import table
+from tests.tools.same import assert_same
 
 BODY = rm.Body((1.0, 2.0, 2.5), mass=1.0, centre=(0.1, 0.0, 0.2))
 FREE = rm.Scene(rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(1.0, 0.2, 0.1))).with_run(
@@ -190,14 +191,12 @@ def test_threads_and_run_directories_change_no_bit(tmp_path):
     few = rm.section(scene, "omega[1] = 0", members=7)  # other members change no step of these
     same = one.isel(point=one.member.values < 7)
     assert few.sizes["point"] > 3
-    for name in few.data_vars:
-        assert np.array_equal(few[name].values, same[name].values), name
+    assert_same(few, same)
     create(rm.section.design(scene, "omega[1] = 0"), tmp_path / "run")
     resume(tmp_path / "run")
     with rm.open(tmp_path / "run") as result:
         again = rm.section.of(result, "omega[1] = 0")
-    for name in one.data_vars:
-        assert np.array_equal(one[name].values, again[name].values), name
+    assert_same(one, again)
 
 
 def test_questions_that_have_no_answer():

@@ -16,7 +16,7 @@ from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import from_numbers, shape
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.tolerance import choose
-from tests.physics.effects.laws import Known, moved
+from tests.physics.effects.laws import Motion, Properties
 from tests.tools import random_scenes
 from tests.tools.random_scenes import QUICK, Kind
 from tests.tools.reference import rotation
@@ -42,19 +42,6 @@ def run(scene):
         return rm.simulate(scene)
 
 
-def with_wheels(effects):
-    """Effects as [(name, effect)]; inner friction takes the momentum of the rotors beside it."""
-    rotors = [one for name, one in effects if name == "rotor"]
-    if not rotors:
-        return effects
-    whole = {
-        field: tuple(np.sum([getattr(one, of) for one in rotors], axis=0))
-        for field, of in (("wheel", "momentum"), ("motor", "motor"))
-    }
-    friction = "energy_dissipation", "internal_dissipation"
-    return [(n, one._replace(**whole) if n in friction else one) for n, one in effects]
-
-
 def truths(scene, ds):
     """[(A, L)] of the members at the end, from the inputs in the result."""
     found = []
@@ -76,21 +63,14 @@ def truths(scene, ds):
                     else np.array(value if shape(e, field) else [value], float)
                 ).tolist()
             effects.append((label.rstrip("_0123456789"), from_numbers(type(e), values)))
-        effects = with_wheels(effects)
-        momentum = (
-            one.start_momentum.values
+        omega = (
+            one.start_momentum.values / moments
             if "start_momentum" in one
-            else moments * one.start_omega.values
+            else one.start_omega.values
         )
-        found.append(
-            moved(
-                effects,
-                Known(moments, mass * centre),
-                one.start_attitude.values,
-                momentum,
-                scene.run.t_end,
-            )
-        )
+        body, end = Properties(np.diag(moments), mass, centre), scene.run.t_end
+        a, w, _ = Motion(body, effects, omega, one.start_attitude.values, end, 2, math.inf).end()
+        found.append((a, moments * w))
     return found
 
 

@@ -12,6 +12,7 @@ import rigidmc as rm
 from rigidmc.engine.program import Program
 from rigidmc.physics.observables.protocol import running
 from rigidmc.planning.steps import make_time_grid, round_grid
+from tests.tools.same import assert_same
 
 EVERY, T_END, DT = 0.7001, 3.0, 0.007001
 TIMES = [0.0, 0.7001, 1.4002, 2.1003, 2.8004, 3.0]
@@ -139,8 +140,7 @@ def test_calls_change_no_bit(monkeypatch, settings):
 
     monkeypatch.setattr(Program, "through", cut)
     again = rm.simulate(scene().with_run(**settings))
-    for name in whole.data_vars:
-        assert np.array_equal(whole[name].values, again[name].values, equal_nan=True), name
+    assert_same(whole, again)
 
 
 def test_chaos_is_measured_in_time():

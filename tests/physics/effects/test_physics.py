@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 from rigidmc.physics.dynamics.euler import MassProperties
@@ -25,7 +24,7 @@ from rigidmc.physics.effects import (
     UniformField,
 )
 from rigidmc.physics.integrators import INTEGRATORS
-from tests.physics.effects.laws import REFERENCE, SLIPS
+from tests.physics.effects.laws import REFERENCE, Motion
 from tests.physics.effects.test_effects import EXAMPLES, KNOWN, MOMENTS, STATIC
 from tests.tools.kernels import one_step, prepare
 from tests.tools.reference import attitude_error, rotation, unit
@@ -46,31 +45,10 @@ def moved(effects, q, l, h, steps, body=None, name="rk8", seen=lambda t, q, l: N
 
 
 def in_space(name, q, l, end):
-    """(A, L in the body, work) at the end, by DOP853 from the matrix A, the momentum in space and
-    the power.
-    """
-
-    def rates(t, y):
-        a, spin = y[:9].reshape(3, 3), y[9:12]
-        w = a @ ((a.T @ spin) / MOMENTS)
-        torque = REFERENCE[name](EXAMPLES[name], t, a, w, KNOWN)
-        power = torque @ w
-        if name in SLIPS:  # the axes turn faster
-            slip = SLIPS[name](EXAMPLES[name], t, a, w, KNOWN)
-            torque, w = torque + np.cross(slip, spin), w + slip
-        turn = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
-        return np.concatenate([(turn @ a).ravel(), torque, [power]])
-
-    a = np.array(rotation(q))
-    y = solve_ivp(
-        rates,
-        (0.0, end),
-        np.concatenate([a.ravel(), a @ l, [0.0]]),
-        method="DOP853",
-        rtol=1e-13,
-        atol=1e-14,
-    ).y[:, -1]
-    return y[:9].reshape(3, 3), y[:9].reshape(3, 3).T @ y[9:12], y[12]
+    """(A, L in the body, work) at the end, by the law in space."""
+    effects = [(name, EXAMPLES[name])]
+    a, w, work = Motion(KNOWN, effects, np.divide(l, MOMENTS), q, end, 2, math.inf).end()
+    return a, MOMENTS * w, work[0]
 
 
 @pytest.mark.parametrize("name", REFERENCE)
