@@ -36,11 +36,11 @@ _ELEMENTS = {
 
 def is_number(value: Any) -> bool:
     """Return whether a value is a finite real number; booleans and time differences are not."""
-    known = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(
+    is_real = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(
         value, (bool, np.timedelta64)
     )
     try:
-        return known and math.isfinite(value)
+        return is_real and math.isfinite(value)
     except OverflowError:  # Python's integers may exceed floats
         return False
 
@@ -70,10 +70,10 @@ def as_plain_arrays(
     if is_labelled(value):
         return _plain(read_labelled(value, at, wanted), at, kinds)
     if isinstance(value, (list, tuple)):
-        if all(type(one) in (float, int) for one in value):
+        if all(type(part) in (float, int) for part in value):
             return value
-        inside = [as_plain_arrays(one, at, kinds, wanted._replace(sizes=())) for one in value]
-        same = all(one is other for one, other in zip(inside, value, strict=True))
+        inside = [as_plain_arrays(part, at, kinds, wanted._replace(sizes=())) for part in value]
+        same = all(part is other for part, other in zip(inside, value, strict=True))
         return value if same else inside
     if isinstance(value, _SEQUENCES):
         return as_plain_arrays(list(value), at, kinds, wanted)
@@ -197,8 +197,8 @@ def broadcast_arguments(
         for (name, _, _), a in zip(arguments, arrays, strict=True)
     }
     bad = _bad_rows(columns)
-    found = [np.where(bad, np.nan, array) for array in columns.values()]
-    return shape, found, bad
+    good = [np.where(bad, np.nan, array) for array in columns.values()]
+    return shape, good, bad
 
 
 def _bad_rows(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
@@ -278,19 +278,19 @@ def _converted(value: Any, at: str, kinds: str, rule: str, wanted: Wanted) -> ND
     value = value if units is None else numbers_in(units, value, at)
     value = as_plain_arrays(value, at, kinds, wanted)
     try:
-        found = np.asarray(value)
+        array = np.asarray(value)
     except ValueError:  # rows of different lengths
         raise SceneError(f"{rule}; its rows differ in length", at=at, value=value) from None
-    if found.dtype.kind == "O":  # includes integers beyond 64 bits
-        real = [isinstance(one, Real) and not isinstance(one, bool) for one in found.ravel()]
+    if array.dtype.kind == "O":  # includes integers beyond 64 bits
+        real = [isinstance(x, Real) and not isinstance(x, bool) for x in array.ravel()]
         if not all(real):
             raise SceneError(rule, at=at, value=value)
-    elif found.dtype.kind not in kinds:
-        raise SceneError(f"{rule}; its elements {_why(found)}", at=at, value=value)
-    if found.dtype.kind == "c":
-        return found
+    elif array.dtype.kind not in kinds:
+        raise SceneError(f"{rule}; its elements {_why(array)}", at=at, value=value)
+    if array.dtype.kind == "c":
+        return array
     try:
-        return np.asarray(found, dtype=float)
+        return np.asarray(array, dtype=float)
     except OverflowError:
         raise SceneError("is too large for a floating-point number", at=at, value=value) from None
 

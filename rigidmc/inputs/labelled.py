@@ -67,21 +67,21 @@ def read_labelled(value: Any, at: str, wanted: Wanted = COLUMN) -> NDArray[Any]:
     """Return the numbers of a labelled object, members first and components last; SceneError for
     labels that do not say where a number belongs, for other units, and for missing numbers."""
     if has_dims(value):
-        found = _of_dims(value, at, wanted)
+        numbers = _of_dims(value, at, wanted)
     elif _is(value, "pandas", "DataFrame"):
-        found = _of_frame(value, at, wanted)
+        numbers = _of_frame(value, at, wanted)
     elif _is(value, "pandas", "Series"):
-        found = _of_series(value, at, wanted)
+        numbers = _of_series(value, at, wanted)
     else:  # an Index has positions alone
-        found = _numbers(value, at)
-    return found
+        numbers = _numbers(value, at)
+    return numbers
 
 
 def _is(value: Any, package: str, *kinds: str) -> bool:
     """Return whether a value belongs to one of the classes of a package, if it is imported."""
     module = sys.modules.get(package)
-    known = (getattr(module, kind, None) for kind in kinds)
-    return module is not None and isinstance(value, tuple(k for k in known if k is not None))
+    classes = (getattr(module, kind, None) for kind in kinds)
+    return module is not None and isinstance(value, tuple(k for k in classes if k is not None))
 
 
 def _numbers(column: Any, at: str) -> NDArray[Any]:
@@ -152,9 +152,9 @@ def _check_members(array: Any, others: Sequence[Any], at: str, wanted: Wanted) -
     """Raise SceneError unless the other dimension is the member, numbered 0, 1, 2, ..."""
     for dim in others:
         if dim != "member":
-            known = " and ".join(["'member'", *[f"'{_dim_of(wanted)}'"] * bool(wanted.sizes)])
+            dims = " and ".join(["'member'", *[f"'{_dim_of(wanted)}'"] * bool(wanted.sizes)])
             rule = (
-                f"has the dimension '{dim}', expected {known}: select one place, x.isel({dim}=0),"
+                f"has the dimension '{dim}', expected {dims}: select one place, x.isel({dim}=0),"
                 f" or rename it, x.rename({dim}='member')"
             )
             raise SceneError(rule, at=at)
@@ -179,11 +179,11 @@ def _matrix_of_dims(array: Any, at: str, wanted: Wanted) -> NDArray[Any]:
         raise SceneError(rule, at=at)
     _check_members(array, [d for d in array.dims if d == "member"], at, wanted)
     front = [d for d in array.dims if d == "member"]
-    found = np.asarray(array.transpose(*front, *several).values)
+    matrices = np.asarray(array.transpose(*front, *several).values)
     for axis, dim in ((-2, several[0]), (-1, several[1])):
         if (labels := _labels(array, dim)) is not None:
-            found = np.take(found, _order(labels, at, wanted)[0], axis)
-    return found
+            matrices = np.take(matrices, _order(labels, at, wanted)[0], axis)
+    return matrices
 
 
 def _labels(array: Any, dim: Any) -> list[Any] | None:
@@ -204,8 +204,8 @@ def _texts(array: Any, dim: Any) -> list[Any]:
 def _of_frame(frame: Any, at: str, wanted: Wanted) -> NDArray[Any]:
     labels, count = list(frame.columns), len(frame)
     if not wanted.sizes:
-        one = f": give one column, x[{str(labels[0])[:20]!r}]" if labels else ""
-        raise SceneError(f"is a table with {_columns_text(labels)}{one}", at=at)
+        cure = f": give one column, x[{str(labels[0])[:20]!r}]" if labels else ""
+        raise SceneError(f"is a table with {_columns_text(labels)}{cure}", at=at)
     if len(labels) not in wanted.sizes:
         rule = (
             f"has {_columns_text(labels)}, expected {_either(wanted.sizes)}, one for each"
@@ -274,14 +274,14 @@ def _order(labels: Sequence[Any], at: str, wanted: Wanted) -> tuple[list[int], b
     for label in labels:
         if unit := re.fullmatch(r".*[\[(]([^\])]*[A-Za-z][^\])]*)[\])]\s*", str(label)[:100]):
             _check_unit(unit[1].strip(), at)
-    found = _names_of(labels, wanted, at)
-    if found is None:
+    names_found = _names_of(labels, wanted, at)
+    if names_found is None:
         rule = (
             f"its labels {_listed(labels)} do not say which component is which: name them"
             f" {', '.join(_example(wanted))}"
         )
         raise SceneError(rule, at=at)
-    stem, names, order = found
+    stem, names, order = names_found
     _check_words(stem, at)
     key, word = _key(at), stem.rstrip("_.-").removesuffix("_final")
     return order, not names[0].isdecimal() or word in (key, *_WORDS.get(key, ()))
@@ -296,10 +296,10 @@ def _names_of(
     if size not in _NAMES or (wanted.sizes and size not in wanted.sizes):
         return None
     texts = [_plain_label(label) for label in labels]
-    known = (_EULER,) if 4 in wanted.sizes and size == 3 else _NAMES[size]
+    name_sets = (_EULER,) if 4 in wanted.sizes and size == 3 else _NAMES[size]
     if size == 3 and at.endswith("moments"):
-        known = (_MOMENTS, *known)
-    for names in known:
+        name_sets = (_MOMENTS, *name_sets)
+    for names in name_sets:
         order = [i for name in names for i, text in enumerate(texts) if text.endswith(name)]
         if len(order) != size or len({*order}) != size:
             continue
@@ -331,8 +331,8 @@ def _check_unit(unit: Any, at: str) -> None:
     """Raise SceneError for a unit other than the SI unit of the quantity."""
     if not isinstance(unit, str) or not unit.strip():
         return
-    found, wanted = _exponents(unit), {**ARGUMENTS, "attitude": "1"}.get(_key(at))
-    if found is None or (wanted is not None and found != _exponents(wanted)):
+    powers, wanted = _exponents(unit), {**ARGUMENTS, "attitude": "1"}.get(_key(at))
+    if powers is None or (wanted is not None and powers != _exponents(wanted)):
         rule = (
             f"its unit is '{unit[:40]}': give numbers in SI units (rad, kg, m, s), and correct or"
             " delete this unit"
@@ -345,11 +345,11 @@ def _exponents(unit: str) -> tuple[int, ...] | None:
     other units."""
     text = re.sub(r"(?<=\w)\.(?=[A-Za-z])", " ", unit)  # kg.m2, as in SI brochures
     try:
-        found = unit_of(text)
+        parsed = unit_of(text)
     except SceneError:
         return None
     # the angle is a pure number here: torques and energies of labelled columns may name it or not
-    return found.powers[:4] if found.factor == 1.0 else None
+    return parsed.powers[:4] if parsed.factor == 1.0 else None
 
 
 def _key(at: str) -> str:

@@ -225,8 +225,8 @@ def unit_of(text: Any, at: str = "unit", value: Any = None) -> Unit:
         raise SceneError(rule, at=at, value=shown)
     plain = text.translate(_SUPERSCRIPTS).replace("**", "^")
     plain = " ".join(re.sub(r"[*·⋅]", " ", plain).split())
-    found = _UNIT.fullmatch(plain)
-    if found is None:
+    match = _UNIT.fullmatch(plain)
+    if match is None:
         rule = f"'{text}' is not a product of powers of units, such as deg/s, g mm2, kg m2/s"
         right = None
         if after := re.fullmatch(rf"([^/()]+)/ ?({_WORD}(?: {_WORD})+)", plain):
@@ -234,7 +234,7 @@ def unit_of(text: Any, at: str = "unit", value: Any = None) -> Unit:
             right = f"{after[1].strip()}/({after[2]})"
         raise SceneError(rule, at=at, value=shown, nearest=right)
     powers, ratio, turns = [0] * 5, Fraction(1), 0
-    for sign, word, power in _factors(*found.groups()):
+    for sign, word, power in _factors(*match.groups()):
         if word not in KNOWN:
             raise _no_such_unit(word, text, at, shown)
         factor, pi, each = KNOWN[word]
@@ -263,15 +263,15 @@ def _no_such_unit(word: str, text: str, at: str, value: Any) -> SceneError:
     """Return the error for an unknown symbol in a unit."""
     if word in _REFUSED:
         return SceneError(_REFUSED[word], at=at, value=value)
-    known = {symbol.lower(): symbol for symbol in KNOWN}
+    symbols = {symbol.lower(): symbol for symbol in KNOWN}
     plain = word.lower().removesuffix("s")
     right = _NAMES.get(plain) or _NAMES.get(word.lower()) or _divided(word)
-    right = right or known.get(word.lower()) or known.get(plain) or nearest(word, KNOWN)
+    right = right or symbols.get(word.lower()) or symbols.get(plain) or nearest(word, KNOWN)
     rule = f"'{word}' is not a unit"
     if right is None:
         rule += f"; known: {', '.join(_SYMBOLS)}, and some with prefixes, such as mm and uN"
-    whole = re.sub(rf"(?<![A-Za-z]){re.escape(word)}(?![A-Za-z])", right, text) if right else None
-    return SceneError(rule, at=at, value=value, nearest=whole)
+    cure = re.sub(rf"(?<![A-Za-z]){re.escape(word)}(?![A-Za-z])", right, text) if right else None
+    return SceneError(rule, at=at, value=value, nearest=cure)
 
 
 def _divided(word: str) -> str | None:
@@ -290,10 +290,10 @@ def powers_of(units: str) -> dict[str, int] | None:
     text that is not a product of powers."""
     factors = [re.fullmatch(r"(1$|%|[A-Za-zµ°]+)(-?\d+)?", word) for word in units.split()]
     powers = dict[str, int]()
-    for one in factors:
-        if one is None:
+    for factor in factors:
+        if factor is None:
             return None
-        powers[one[1]] = powers.get(one[1], 0) + int(one[2] or 1)
+        powers[factor[1]] = powers.get(factor[1], 0) + int(factor[2] or 1)
     return {symbol: power for symbol, power in powers.items() if power and symbol != "1"}
 
 
@@ -336,27 +336,27 @@ def converter(text: Any, units: str, at: str, value: Any = None) -> Unit:
     return unit.per(wanted)
 
 
-def wrong_dimension(units: str, given: str, text: str, at: str, value: Any = None) -> SceneError:
-    """Return the error for a unit of another dimension. given : "mm is a length" """
+def wrong_dimension(units: str, what: str, text: str, at: str, value: Any = None) -> SceneError:
+    """Return the error for a unit of another dimension. what : "mm is a length" """
     others = next((others for _, _, others in _words_for(unit_of(units))), "").split(", ")
     right = units_text(units)
     if right == "1":
-        return SceneError(f"has no unit; {given}", at=at, value=value)
+        return SceneError(f"has no unit; {what}", at=at, value=value)
     more = f", or {', '.join(others)}" if any(others) else ""
-    rule = f"is in {right}{more}; {given}"
+    rule = f"is in {right}{more}; {what}"
     return SceneError(rule, at=at, value=value, nearest=nearest(text, (right, *others)))
 
 
 def quantity_text(text: str) -> tuple[str, str] | None:
     """Return (number, unit) of a text such as "9.81 m/s2"; None for any other text."""
-    found = _QUANTITY.fullmatch(text.strip()) if len(text) <= 2 * LONGEST else None
-    return (found[1], (found[2] or found[3]).strip()) if found else None
+    match = _QUANTITY.fullmatch(text.strip()) if len(text) <= 2 * LONGEST else None
+    return (match[1], (match[2] or match[3]).strip()) if match else None
 
 
 def list_text(text: str) -> tuple[str, str] | None:
     """Return (list, unit) of a text such as "[10, 0, 0] deg/s"; None for any other text."""
-    found = _LIST.fullmatch(text.strip())
-    return (found[1], found[2].strip()) if found else None
+    match = _LIST.fullmatch(text.strip())
+    return (match[1], match[2].strip()) if match else None
 
 
 def is_foreign(value: Any) -> bool:
@@ -369,14 +369,14 @@ def is_foreign(value: Any) -> bool:
 
 def from_foreign(value: Any, units: str, at: str) -> Any:
     """Return the numbers of a quantity of pint or astropy in SI `units`; SceneError."""
-    own = str(value.units if hasattr(value, "units") else value.unit)
-    if "/" not in own and re.search(r"hertz|Hz", own):
-        raise SceneError(_REFUSED["Hz"], at=at, value=own)
+    unit_text = str(value.units if hasattr(value, "units") else value.unit)
+    if "/" not in unit_text and re.search(r"hertz|Hz", unit_text):
+        raise SceneError(_REFUSED["Hz"], at=at, value=unit_text)
     text = "*".join(re.sub(r"(-?\d)$", r"**\1", word) for word in units.split() if word != "1")
     try:
         converted = value.to(text)
     except Exception:  # each library has its own
-        raise wrong_dimension(units, f"{own} does not convert to it", own, at) from None
+        raise wrong_dimension(units, f"{unit_text} does not convert to it", unit_text, at) from None
     return converted.magnitude if hasattr(converted, "magnitude") else converted.value
 
 
@@ -401,12 +401,12 @@ def common_unit(values: Mapping[str, Any], at: str) -> tuple[dict[str, Any], str
 
     0 needs no unit. Raises SceneError if values differ in dimension, or only some have a unit.
     """
-    given = {name: as_measured(value) for name, value in values.items()}
-    units = {name: unit_of(one.unit, at) for name, one in given.items() if type(one) is Measured}
+    measured = {name: as_measured(value) for name, value in values.items()}
+    units = {name: unit_of(x.unit, at) for name, x in measured.items() if type(x) is Measured}
     if not units:
         return dict(values), ""
     first = next(iter(units.values()))
-    for name, value in given.items():
+    for name, value in measured.items():
         if name not in units and not (isinstance(value, (int, float)) and value == 0.0):
             raise SceneError(f"give {name} a unit, too, such as {first.text}", at=at)
         if name in units and units[name].powers != first.powers:
@@ -414,8 +414,8 @@ def common_unit(values: Mapping[str, Any], at: str) -> tuple[dict[str, Any], str
             rule = f"numbers of one distribution have one dimension: {given_unit}"
             raise SceneError(f"{rule}, {first.text} is {what_is(first)}", at=at)
     numbers = {
-        name: units[name].convert(float(one.value)) if name in units else one
-        for name, one in given.items()
+        name: units[name].convert(float(x.value)) if name in units else x
+        for name, x in measured.items()
     }
     powers = dict(zip(("kg", "m", "s", "A", "rad"), first.powers, strict=True))
     return numbers, units_of_powers(powers)
@@ -424,16 +424,16 @@ def common_unit(values: Mapping[str, Any], at: str) -> tuple[dict[str, Any], str
 def in_units(value: Any, units: str, at: str) -> Any:
     """Return a number, text or quantity in `units`; a number without a unit unchanged."""
     if is_foreign(value):
-        found = from_foreign(value, units, at)
-        if np.ndim(found):
+        number = from_foreign(value, units, at)
+        if np.ndim(number):
             raise SceneError("expected one number, not an array", at=at)
-        return float(found)
-    one = as_measured(value)
-    if type(one) is not Measured:
+        return float(number)
+    measured = as_measured(value)
+    if type(measured) is not Measured:
         return value
-    if isinstance(one.value, bool) or not isinstance(one.value, (int, float, np.number)):
-        raise SceneError("expected one number beside a unit", at=at, value=one.value)
-    return converter(one.unit, units, at).convert(float(one.value))
+    if isinstance(measured.value, bool) or not isinstance(measured.value, (int, float, np.number)):
+        raise SceneError("expected one number beside a unit", at=at, value=measured.value)
+    return converter(measured.unit, units, at).convert(float(measured.value))
 
 
 def numbers_in(units: str, value: Any, at: str) -> Any:
@@ -446,9 +446,9 @@ def numbers_in(units: str, value: Any, at: str) -> Any:
             rule = f'expected a number, or a text with its unit, such as "1 {units_text(units)}"'
             raise SceneError(rule, at=at, value=value)
         return converter(parts[1], units, at, value).convert(float(parts[0]))
-    if not isinstance(value, (list, tuple)) or all(type(one) in (float, int) for one in value):
+    if not isinstance(value, (list, tuple)) or all(type(x) in (float, int) for x in value):
         return value
-    return [numbers_in(units, one, at) for one in value]
+    return [numbers_in(units, x, at) for x in value]
 
 
 def degrees_note(angles: Any, what: str, most: int = 2, cure: str = 'write "30 deg"') -> str:
@@ -475,10 +475,10 @@ def euler_degrees_note(angles: Any, what: str, cure: str, is_shared: bool = True
     sizes = np.abs(np.asarray(angles, dtype=float))
     if note := degrees_note(sizes[1], what, 1, cure) or degrees_note(sizes, what, 2, cure):
         return note
-    whole = sizes[(sizes > 2.0) & (sizes == np.round(sizes))]
-    if not (is_shared and whole.size):
+    integers = sizes[(sizes > 2.0) & (sizes == np.round(sizes))]
+    if not (is_shared and integers.size):
         return ""
-    return f"{what} {whole[0]:g} is a whole number: angles are in rad; for degrees {cure}"
+    return f"{what} {integers[0]:g} is a whole number: angles are in rad; for degrees {cure}"
 
 
 def rule_with_hint(error: RigidmcError) -> str:

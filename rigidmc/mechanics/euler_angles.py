@@ -38,9 +38,9 @@ def check_sequence(sequence: Any, at: str = "sequence") -> str:
     which mean rotations about the axes of space.
     """
     word = str(sequence) if isinstance(sequence, (str, int)) else ""
-    found = word.translate(_SCIPY)
-    if found in SEQUENCES:
-        return found
+    digits = word.translate(_SCIPY)
+    if digits in SEQUENCES:
+        return digits
     if word.islower() and (same := word.upper().translate(_SCIPY)) in SEQUENCES:
         rule = (
             "in lower case means rotations about the axes of space: angles (a, b, c) of it are the"

@@ -27,7 +27,7 @@ def spread(shape: Shape, t: ArrayLike) -> tuple[Shape, NDArray[np.int64], NDArra
     """
     size, ((times,),), _ = broadcast_arguments(("t", t, 0))
     try:
-        whole = np.broadcast_shapes(shape, size)
+        both = np.broadcast_shapes(shape, size)
     except ValueError:
         rule = (
             f"times {size} do not broadcast against bodies {shape}; give an axis of length 1, "
@@ -36,9 +36,9 @@ def spread(shape: Shape, t: ArrayLike) -> tuple[Shape, NDArray[np.int64], NDArra
         raise SceneError(rule, at="t") from None
     rows: NDArray[Any] = np.arange(int(np.prod(shape, dtype=int))).reshape(shape)
     return (
-        whole,
-        np.broadcast_to(rows, whole).reshape(-1),
-        np.broadcast_to(times.reshape(size), whole).reshape(-1),
+        both,
+        np.broadcast_to(rows, both).reshape(-1),
+        np.broadcast_to(times.reshape(size), both).reshape(-1),
     )
 
 

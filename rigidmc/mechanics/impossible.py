@@ -36,17 +36,17 @@ _MOST, _WORSE = 3, 1.25  # causes shown, and decades by which they may fit worse
 def can_exist(tensor: Any, mass: float, centre: Any) -> bool:
     """Return whether a body can have a tensor (3, 3) about the fixed point, a mass and a centre of
     mass (3,) from the fixed point."""
-    own, c = np.asarray(tensor, dtype=float), np.asarray(centre, dtype=float)
-    second = 0.5 * np.trace(own) * np.eye(3) - own - mass * np.outer(c, c)
+    inertia_tensor, c = np.asarray(tensor, dtype=float), np.asarray(centre, dtype=float)
+    second = 0.5 * np.trace(inertia_tensor) * np.eye(3) - inertia_tensor - mass * np.outer(c, c)
     if not np.isfinite(second).all():
         return False
-    return bool(np.linalg.eigvalsh(second).min() >= -SLACK * np.trace(own))
+    return bool(np.linalg.eigvalsh(second).min() >= -SLACK * np.trace(inertia_tensor))
 
 
 def opposite_products(tensor: Any) -> Array:
     """Return a tensor (3, 3) with the opposite sign of its products of inertia."""
-    own = np.asarray(tensor, dtype=float)
-    turned: Array = 2.0 * np.diag(own.diagonal()) - own
+    inertia_tensor = np.asarray(tensor, dtype=float)
+    turned: Array = 2.0 * np.diag(inertia_tensor.diagonal()) - inertia_tensor
     return turned
 
 
@@ -56,11 +56,11 @@ def likely_causes(tensor: Any, mass: float, centre: Any) -> tuple[str, ...]:
 
     tensor (3, 3) [kg m^2] about the fixed point;  mass [kg];  centre (3,) [m]
     """
-    own, c = np.asarray(tensor, dtype=float), np.asarray(centre, dtype=float)
-    finite = np.isfinite(own).all() and np.isfinite(c).all()
-    if not (finite and mass > 0.0) or can_exist(own, mass, c):
+    inertia_tensor, c = np.asarray(tensor, dtype=float), np.asarray(centre, dtype=float)
+    finite = np.isfinite(inertia_tensor).all() and np.isfinite(c).all()
+    if not (finite and mass > 0.0) or can_exist(inertia_tensor, mass, c):
         return ()
-    causes = sorted(_causes(own, mass, c), key=lambda cause: cause[0])
+    causes = sorted(_causes(inertia_tensor, mass, c), key=lambda cause: cause[0])
     return tuple(text for misfit, text in causes[:_MOST] if misfit <= causes[0][0] + _WORSE)
 
 
@@ -115,8 +115,8 @@ def _units(
     """
     for word, (length, weight, rare) in _UNITS.items():
         m, c = weight * mass, length * centre
-        found = decades + np.log10(weight * length**2)
-        if not -4.0 < found < 3.0:
+        in_unit = decades + np.log10(weight * length**2)
+        if not -4.0 < in_unit < 3.0:
             continue
         place = f"({', '.join(f'{x:g}' for x in c)})"
         si = f"in m, it is {place}" if weight == 1.0 else f"in kg, it is {m:g}"
@@ -125,10 +125,10 @@ def _units(
         cause = f"the {'mass' if length == 1.0 else 'centre'} is in {word}: {si}"
         moved = inertia.about_point(tensor, m, c)
         if can_exist(tensor, m, c):
-            yield rare + abs(found - _ABOUT_PIVOT), cause
+            yield rare + abs(in_unit - _ABOUT_PIVOT), cause
         elif word == "millimetres" and can_exist(moved, m, c):
             yield (
-                1.0 + abs(found - _ABOUT_CENTRE),  # a decade: two mistakes at once are rarer
+                1.0 + abs(in_unit - _ABOUT_CENTRE),  # a decade: two mistakes at once are rarer
                 f'{cause}, and the inertia is about it: about = "centre" then gives the moments'
                 f" {_moments(moved)}",
             )

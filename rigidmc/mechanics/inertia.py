@@ -107,8 +107,8 @@ def moments_of_density(
     """
     x, y, z, volume = _nodes(region, points)
     try:
-        given = floats(density(x, y, z) if callable(density) else density, "body.density")
-        values = np.broadcast_to(given, x.shape)
+        densities = floats(density(x, y, z) if callable(density) else density, "body.density")
+        values = np.broadcast_to(densities, x.shape)
     except SceneError:
         raise
     except (TypeError, ValueError) as error:
@@ -276,7 +276,7 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
 def _principal_axes_with_tangents(tensor: DualArray) -> tuple[Any, Any]:
     """Return `principal_axes` of tensors (n, 3, 3) as DualArrays."""
     moments, axes = principal_axes(tensor.value)
-    rates = zip(*(axes_rates(moments, axes, one) for one in tensor.tangents), strict=True)
+    rates = zip(*(axes_rates(moments, axes, change) for change in tensor.tangents), strict=True)
     moving, turning = map(np.stack, rates)
     return DualArray(moments, moving), DualArray(axes, turning)
 
@@ -347,10 +347,10 @@ def match_axes(moments: ArrayLike, axes: ArrayLike, mean: ArrayLike) -> tuple[Ar
     Of the 24 right-handed labellings, the one with the smallest turn is used: less than 63 deg
     (tests/scene/test_uncertain_inertia.py).
     """
-    values, columns, own = as_array(moments).T, as_array(axes), as_array(mean)
+    values, columns, middle = as_array(moments).T, as_array(axes), as_array(mean)
     turn = np.stack(
         [
-            np.stack([sum(own[k, i] * columns[:, k, j] for k in range(3)) for j in range(3)])
+            np.stack([sum(middle[k, i] * columns[:, k, j] for k in range(3)) for j in range(3)])
             for i in range(3)
         ]
     )
@@ -386,9 +386,9 @@ def quaternions(turn: Array) -> tuple[Array, ...]:
     is_far = square > 0.5
     w = 0.5 * np.sqrt(np.where(is_far, square, 1.0))  # where it is 1, w is unused
     by = 0.25 / w
-    found: tuple[Array, ...] = (w, by * skew[0], by * skew[1], by * skew[2])
+    q: tuple[Array, ...] = (w, by * skew[0], by * skew[1], by * skew[2])
     if is_far.all():
-        return found
+        return q
     squares = np.stack([1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz])
     best = squares.argmax(0)
     for i in range(3):
@@ -396,8 +396,8 @@ def quaternions(turn: Array) -> tuple[Array, ...]:
         of = 0.5 * np.sqrt(np.where(here, squares[i], 1.0))
         near = [of if k == i else 0.25 / of * (turn[i, k] + turn[k, i]) for k in range(3)]
         near.insert(0, 0.25 / of * skew[i])
-        found = tuple(np.where(here, one, other) for one, other in zip(near, found, strict=True))
-    return found
+        q = tuple(np.where(here, close, other) for close, other in zip(near, q, strict=True))
+    return q
 
 
 def vectors_into(turn: Array, vectors: Any) -> Array:
@@ -415,5 +415,5 @@ def tensors_into(turn: Array, six: Any) -> Array:
     xx, yy, zz, yz, zx, xy = six
     rows = (xx, xy, zx), (xy, yy, yz), (zx, yz, zz)
     half = [vectors_into(turn, row) for row in rows]  # (C turn)[row][i]
-    whole = [vectors_into(turn, [row[i] for row in half]) for i in range(3)]
-    return np.stack([whole[j][i] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))])
+    turned = [vectors_into(turn, [row[i] for row in half]) for i in range(3)]
+    return np.stack([turned[j][i] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))])

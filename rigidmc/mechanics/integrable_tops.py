@@ -146,7 +146,9 @@ def _check_ratio(
         raise SceneError(rule, at="moments", value=np.asarray(moments).tolist())
 
 
-def _check_zero(part: NDArray[np.float64], whole: NDArray[np.float64], key: str, rule: str) -> None:
+def _check_zero(
+    part: NDArray[np.float64], vector: NDArray[np.float64], key: str, rule: str
+) -> None:
     """Raise SceneError for a part that exceeds 1e-9 of the vector `whole`."""
-    if not np.all(np.abs(part) <= 1e-9 * np.linalg.norm(whole, axis=-1)):
-        raise SceneError(rule, at=key, value=np.asarray(whole).tolist())
+    if not np.all(np.abs(part) <= 1e-9 * np.linalg.norm(vector, axis=-1)):
+        raise SceneError(rule, at=key, value=np.asarray(vector).tolist())

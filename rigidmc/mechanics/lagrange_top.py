@@ -208,8 +208,8 @@ def analyse_lagrange_top(
     cusps 1.348585
     """
     table, columns, shape, bad, below = _orbits(moments, weight, momentum, attitude, axis)
-    found = _turned_back(_nutation(LagrangeOrbit(*table.T), columns, bad), below)
-    return NutationRange._make(np.reshape(v, shape) for v in found)
+    nutation = _turned_back(_nutation(LagrangeOrbit(*table.T), columns, bad), below)
+    return NutationRange._make(np.reshape(v, shape) for v in nutation)
 
 
 def _nutation(o: Any, columns: _Floats, bad: NDArray[np.bool_]) -> NutationRange:
@@ -234,14 +234,14 @@ def _nutation(o: Any, columns: _Floats, bad: NDArray[np.bool_]) -> NutationRange
     return NutationRange(*constants, o.m, o.mc, o.rate, period, precession, spin)
 
 
-def _turned_back(found: NutationRange, below: NDArray[np.bool_]) -> NutationRange:
+def _turned_back(nutation: NutationRange, below: NDArray[np.bool_]) -> NutationRange:
     """Return the NutationRange of tops that `_orbits` has turned upside down where `below`."""
     upside = np.where(below, -1.0, 1.0)
-    return found._replace(
-        p_phi=upside * found.p_phi,
-        low=np.where(below, np.pi - found.high, found.low),
-        high=np.where(below, np.pi - found.low, found.high),
-        precession=upside * found.precession,
+    return nutation._replace(
+        p_phi=upside * nutation.p_phi,
+        low=np.where(below, np.pi - nutation.high, nutation.low),
+        high=np.where(below, np.pi - nutation.low, nutation.high),
+        precession=upside * nutation.precession,
     )
 
 

@@ -132,9 +132,9 @@ def elliptic_e(phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None 
     with np.errstate(all="ignore"):  # E(1) = 1, where R_F and R_D are infinite
         part = mc * (s * elliprf(cc, dd, 1.0) + m / 3.0 * s**3 * elliprd(cc, 1.0, dd))
         part = part + m * s * np.sqrt(cc / dd)
-        whole = mc * (elliprf(0.0, mc, 1.0) + m / 3.0 * elliprd(0.0, 1.0, mc))
+        quarter = mc * (elliprf(0.0, mc, 1.0) + m / 3.0 * elliprd(0.0, 1.0, mc))
     # E(1) = 1: pure
-    return np.where(mc > 0.0, part, s) + _multiple(n, np.where(mc > 0.0, whole, 1.0))
+    return np.where(mc > 0.0, part, s) + _multiple(n, np.where(mc > 0.0, quarter, 1.0))
 
 
 def elliptic_pi(
@@ -148,8 +148,8 @@ def elliptic_pi(
     n = floats(n, "n")
     weight = elliprj(cc, dd, 1.0, 1.0 - n * s * s)
     value: _Floats = s * elliprf(cc, dd, 1.0) + n / 3.0 * s**3 * weight
-    whole = elliprf(0.0, mc, 1.0) + n / 3.0 * elliprj(0.0, mc, 1.0, 1.0 - n)
-    return value + _multiple(turns, whole)
+    quarter = elliprf(0.0, mc, 1.0) + n / 3.0 * elliprj(0.0, mc, 1.0, 1.0 - n)
+    return value + _multiple(turns, quarter)
 
 
 def _multiple(n: _Floats, value: _Floats) -> _Floats:
@@ -162,9 +162,9 @@ def _complements(m: ArrayLike | None, mc: ArrayLike | None) -> tuple[_Floats, _F
     """Return (m, mc) from either one, as arrays; nan outside [0, 1]."""
     if (m is None) == (mc is None):
         raise ValueError("give either the parameter m or its complement mc = 1 - m")
-    given: Any = floats(m if mc is None else mc, "m" if mc is None else "mc")
-    given = np.where((given >= 0.0) & (given <= 1.0), given, np.nan)
-    return (given, 1.0 - given) if mc is None else (1.0 - given, given)
+    parameter: Any = floats(m if mc is None else mc, "m" if mc is None else "mc")
+    parameter = np.where((parameter >= 0.0) & (parameter <= 1.0), parameter, np.nan)
+    return (parameter, 1.0 - parameter) if mc is None else (1.0 - parameter, parameter)
 
 
 def _reduced(

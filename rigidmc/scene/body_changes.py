@@ -212,5 +212,5 @@ class BodyChanges(BodyMakers):
         # the remainder must also be possible about its own centre of mass
         inertia.principal_axes(inertia.about_centre(tensor, mass, middle))
         parts = (part.placed(place, turned) for part in other.shape)
-        whole = shape.join_shapes(self.shape, parts, sign < 0.0)
-        return self._of_tensor(tensor, mass, tuple(middle.tolist()), whole, self.frame)
+        solids = shape.join_shapes(self.shape, parts, sign < 0.0)
+        return self._of_tensor(tensor, mass, tuple(middle.tolist()), solids, self.frame)

@@ -183,8 +183,8 @@ class BodyMakers(BodyNumbers, metaclass=_Hints):
         stated: Stated | str | None = None,
     ) -> Self:
         """Make a body from a tensor (3, 3), with the solids that pictures draw."""
-        moments, found = principal_axes_of(checked_tensor(tensor), mass, centre, frame)
-        rows = tuple(map(tuple, found.tolist()))
+        moments, axes = principal_axes_of(checked_tensor(tensor), mass, centre, frame)
+        rows = tuple(map(tuple, axes.tolist()))
         return cls(tuple(moments.tolist()), mass, centre, rows, parts, frame, stated=stated)
 
     @classmethod
@@ -271,18 +271,18 @@ class BodyMakers(BodyNumbers, metaclass=_Hints):
         for key in sizes:
             if key not in wanted:
                 raise unknown("key", wanted, at=at, key=key)
-        given: dict[str, Any] = {}
+        checked: dict[str, Any] = {}
         for key in wanted:
             if key not in sizes:
                 raise SceneError("is missing", at=f"{at}.{key}")
             count = solids.COMPONENTS.get((name, key))
             if count is None:
-                given[key] = positive_number(sizes[key], f"{at}.{key}")
+                checked[key] = positive_number(sizes[key], f"{at}.{key}")
             else:
                 parts = vector(in_si(sizes[key], "m", f"{at}.{key}"), f"{at}.{key}", count)
-                given[key] = tuple(positive_number(part, f"{at}.{key}") for part in parts)
-        mass, centre, tensor = make(**given)
-        sizes = {key: given[key] for key in shape.sizes_of(name)}
+                checked[key] = tuple(positive_number(part, f"{at}.{key}") for part in parts)
+        mass, centre, tensor = make(**checked)
+        sizes = {key: checked[key] for key in shape.sizes_of(name)}
         parts = (shape.ShapePart(name, sizes),)
         return cls(tuple(np.diag(tensor).tolist()), mass, centre, shape=parts)
 

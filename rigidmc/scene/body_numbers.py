@@ -43,9 +43,9 @@ class BodyNumbers(Renamed):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "moments", vector_in_si(self.moments, "kg m2", "body.moments"))
-        whole = isinstance(self.moments, VectorDistribution)
+        is_drawn = isinstance(self.moments, VectorDistribution)
         uncertain = isinstance(self.moments, TensorDistribution)
-        check = check_distribution if whole else vector
+        check = check_distribution if is_drawn else vector
         object.__setattr__(self, "moments", check(self.moments, f"body.{self.inertia_key}"))
         mass = ASSUMED_MASS if self.mass is None else in_si(self.mass, "kg", "body.mass")
         centre = vector_in_si(self.centre, "m", "body.centre")
@@ -68,7 +68,7 @@ class BodyNumbers(Renamed):
         if not is_variable(self.mass) and not np.min(self.mass) > 0:
             shown = self.mass if is_shared(self.mass) else None
             raise SceneError("the mass must be positive", at="body.mass", value=shown)
-        if not whole:
+        if not is_drawn:
             self._check_moments()
         if isinstance(self.stated, Stated):
             numbers = self.moments, self.mass, self.centre
@@ -97,10 +97,10 @@ class BodyNumbers(Renamed):
     def _check_moments(self) -> None:
         """Raise SceneError for impossible moments; distributions are checked when drawn."""
         shown = list(self.moments) if is_shared(self.moments) else None
-        known = [m for m in self.moments if not is_variable(m)]
-        if not all(np.min(m) > 0 for m in known):
+        fixed = [m for m in self.moments if not is_variable(m)]
+        if not all(np.min(m) > 0 for m in fixed):
             raise SceneError("principal moments must be positive", at="body.moments", value=shown)
-        if len(known) < 3:
+        if len(fixed) < 3:
             return
         bad = np.flatnonzero(inertia.violates_triangle(self.moments))
         if bad.size:

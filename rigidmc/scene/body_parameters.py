@@ -78,8 +78,8 @@ def body_parameters(body: Body) -> Parameters:
     if (solid := solid_of(body)) is not None:
         sizes, may_move = by_name(solid.parameters()), not solid.is_by_mass
         return sizes | {
-            name: one._replace(seeds=None, is_settable=one.is_settable and may_move)
-            for name, one in numbers.items()
+            name: p._replace(seeds=None, is_settable=p.is_settable and may_move)
+            for name, p in numbers.items()
         }
     if isinstance(body.moments, UncertainInertia) and body.frame == "principal":
         return numbers | refused(numbers, numbers, _SCENE_AXES)
@@ -166,18 +166,18 @@ def _of_tensors(distribution: TensorDistribution) -> Iterator[Parameter]:
     # zeros mark exact elements; a root has no derivative there
     if not np.nan_to_num(np.linalg.eigvalsh(np.nan_to_num(correlation))).min() > 1e-9:
         rule = "has a width of 0 in some direction, at a kink"
-        spread = (one._replace(seeds=rule) for one in spread)
+        spread = (p._replace(seeds=rule) for p in spread)
     yield from spread
     centre = distribution.centre or ()
-    for one in of_quantities("body.tensor.centre", (*path, "centre"), centre, BODY["centre"]):
-        yield one._replace(is_settable=False)
+    for p in of_quantities("body.tensor.centre", (*path, "centre"), centre, BODY["centre"]):
+        yield p._replace(is_settable=False)
 
 
 def _covariance_unit(i: int, j: int) -> str:
     """Return the units of a covariance of two of ELEMENTS, such as "kg m3"."""
     powers = {"tensor": (1, 2), "centre": (0, 1), "mass": (1, 0)}
-    one, other = (powers[ELEMENTS[k].partition(".")[0]] for k in (i, j))
-    return units_of_powers({"kg": one[0] + other[0], "m": one[1] + other[1]})
+    first, other = (powers[ELEMENTS[k].partition(".")[0]] for k in (i, j))
+    return units_of_powers({"kg": first[0] + other[0], "m": first[1] + other[1]})
 
 
 def _of_one_tensor(body: Body) -> Iterator[Parameter]:
@@ -295,11 +295,11 @@ class Solid(NamedTuple):
 
 def _components(part: ShapePart) -> list[tuple[str, int | None]]:
     """Return (name, index or None) of the sizes of a solid."""
-    found: list[tuple[str, int | None]] = []
+    components: list[tuple[str, int | None]] = []
     for key in part.sizes:
         count = COMPONENTS.get((part.solid, key))
-        found += [(key, None)] if count is None else [(key, i) for i in range(count)]
-    return found
+        components += [(key, None)] if count is None else [(key, i) for i in range(count)]
+    return components
 
 
 def _made(part: ShapePart, sizes: dict[str, Any]) -> tuple[Any, Any, Any]:
@@ -332,10 +332,10 @@ def solid_of(body: Body) -> Solid | None:
         return None
     moments, mass, centre = (values[..., 0] for values in body.sample(0, 0, 1))
     own_mass, own_centre, own_tensor = _made(part, part.sizes)
-    own, axes = own_tensor / own_mass, np.array(body.axes)
+    tensor_per_mass, axes = own_tensor / own_mass, np.array(body.axes)
     tensor = (axes * moments) @ axes.T / mass
-    length = 2.0 ** round(0.5 * float(np.log2(np.trace(tensor) / np.trace(own))))
-    off = np.abs(tensor - length**2 * own).max() / np.trace(tensor)
+    length = 2.0 ** round(0.5 * float(np.log2(np.trace(tensor) / np.trace(tensor_per_mass))))
+    off = np.abs(tensor - length**2 * tensor_per_mass).max() / np.trace(tensor)
     away = np.abs(axes @ centre - length * own_centre).max() / np.sqrt(np.trace(tensor))
     if not max(off, away) < 1e-12:  # rounding of a grid, and of a shift
         return None

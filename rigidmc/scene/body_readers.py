@@ -95,12 +95,12 @@ class BodyReaders(BodyChanges):
             body = cls._of_mesh_file(name, density, mass, scale, solid)
         else:
             form = None if solid == "solid" else solid
-            given = {"density": density, "mass": mass, "scale": scale, "solid": form}
-            refuse_options(given, "is for meshes only")
-            found = find_part(name, link, products, about)
-            for note in found.notes:
+            of_mesh = {"density": density, "mass": mass, "scale": scale, "solid": form}
+            refuse_options(of_mesh, "is for meshes only")
+            body_found = find_part(name, link, products, about)
+            for note in body_found.notes:
                 warnings.warn(f"{name}: {note}", SceneWarning, stacklevel=2)
-            part = found.part
+            part = body_found.part
             with in_file(name):
                 body = cls._of_tensor(part.about_origin(), part.mass, tuple(part.centre.tolist()))
         if pivot is None:
@@ -214,8 +214,8 @@ class BodyReaders(BodyChanges):
             part = shape.shape_of_mesh(triangles)
         else:
             part = shape.shape_of_mesh_file(file, scale)
-        found = by * tensor, float(by * volume), tuple(centre.tolist())
-        return cls._of_tensor(*found, (part,), stated=MESH)
+        properties = by * tensor, float(by * volume), tuple(centre.tolist())
+        return cls._of_tensor(*properties, (part,), stated=MESH)
 
 
 def _is_solid(solid: Any) -> bool:

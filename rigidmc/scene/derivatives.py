@@ -31,36 +31,36 @@ def parameter_names_of_derivatives(model: Model) -> list[str]:
     return _able(parameters_of(model))
 
 
-def _able(known: Mapping[str, Parameter]) -> list[str]:
+def _able(parameters: Mapping[str, Parameter]) -> list[str]:
     """Return the names that have a derivative."""
-    each = {name: one.seeds for name, one in known.items()}
+    each = {name: p.seeds for name, p in parameters.items()}
     return [name for name, of in each.items() if callable(of) and not isinstance(of(), str)]
 
 
 def seeds_of(model: Model, names: Sequence[str]) -> list[list[Seed]]:
     """Return the Seeds of each name; SceneError for a name that is unknown, given twice, or without
     a derivative, with the nearest name or the reason."""
-    known, found, at = parameters_of(model), list[list[Seed]](), "run.wrt"
+    parameters, each, at = parameters_of(model), list[list[Seed]](), "run.wrt"
     names = [_upper_element(name) for name in names]
     for i, name in enumerate(names):
-        given = known[name].seeds if name in known else None
-        if given is None:
-            raise unknown("parameter with a derivative", _able(known), at=at, value=name)
-        seeds = given() if callable(given) else given
+        stated = parameters[name].seeds if name in parameters else None
+        if stated is None:
+            raise unknown("parameter with a derivative", _able(parameters), at=at, value=name)
+        seeds = stated() if callable(stated) else stated
         if isinstance(seeds, str):
             raise SceneError(f"has no derivative: it {seeds}", at=at, value=name)
         if name in names[:i]:
             raise SceneError("is given twice", at=at, value=name)
-        found.append(seeds)
-    return found
+        each.append(seeds)
+    return each
 
 
 def _upper_element(name: str) -> str:
     """Return the name of an element of a symmetric matrix with its smaller index first."""
-    whole, *pair = name.rsplit(".", 2)
-    if not whole.endswith(_SYMMETRIC) or not all(map(str.isdecimal, pair)):
+    matrix, *pair = name.rsplit(".", 2)
+    if not matrix.endswith(_SYMMETRIC) or not all(map(str.isdecimal, pair)):
         return name
-    return ".".join([whole, *sorted(pair, key=int)])
+    return ".".join([matrix, *sorted(pair, key=int)])
 
 
 def parameters_of_run(model: Model, names: Sequence[str] | None) -> tuple[str, ...]:
@@ -72,13 +72,13 @@ def parameters_of_run(model: Model, names: Sequence[str] | None) -> tuple[str, .
     """
     if not names:
         return ()
-    single = [name for name, one in parameters_of(model).items() if one.seeds is not None]
-    found: dict[str, None] = {}
+    single = [name for name, p in parameters_of(model).items() if p.seeds is not None]
+    chosen: dict[str, None] = {}
     for name in names:
-        components = [one for one in single if vector_of(one) == name]
-        found |= dict.fromkeys(components or [name])
-    seeds_of(model, tuple(found))
-    return tuple(found)
+        components = [word for word in single if vector_of(word) == name]
+        chosen |= dict.fromkeys(components or [name])
+    seeds_of(model, tuple(chosen))
+    return tuple(chosen)
 
 
 def derivative_name(name: str) -> str:

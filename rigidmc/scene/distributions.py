@@ -102,17 +102,17 @@ class Distribution:
         >>> rm.normal(1.0, 0.2).between(0.5, np.inf).ppf(np.array([0.5])).round(6).tolist()
         [1.001557]
         """
-        given = {**self.as_table(), "between": [low, high]}
+        shown = {**self.as_table(), "between": [low, high]}
         reals = all(is_number(x) or x in (-math.inf, math.inf) for x in (low, high))
         if not reals or not low < high:
             rule = "expected between = [low, high] with low < high"
-            raise SceneError(rule, at="between", value=given)
+            raise SceneError(rule, at="between", value=shown)
         if self.name == "uniform":
             low, high = max(low, self.parameters[0]), min(high, self.parameters[1])
         law = Truncated("truncated", (self, float(low), float(high)))
         if not law.acceptance() > 1e-300:  # pure: smaller fractions leave no digits to divide by
             rule = "the distribution has no numbers between these bounds"
-            raise SceneError(rule, at="between", value=given)
+            raise SceneError(rule, at="between", value=shown)
         # a uniform distribution has the same bits for every version of scipy
         return uniform(low, high) if self.name == "uniform" else law
 
@@ -292,23 +292,23 @@ def distribution(name: str, /, *values: Any, **parameters: Any) -> Distribution:
         if unit:
             made = distribution(name, *values, **{**parameters, **numbers})
             return Measured(made, unit)  # type: ignore[return-value]
-    given = {name: list(values) or parameters}
+    shown = {name: list(values) or parameters}
     if name not in _RULES:
-        return _by_scipy(name, given, parameters if not values else None)
+        return _by_scipy(name, shown, parameters if not values else None)
     plain = len(values) == 2 and not parameters and all(map(is_number, values))
     if not plain or not values[1] > (values[0] if name == "uniform" else 0.0):
-        raise SceneError(_RULES[name], at="distribution", value=given)
+        raise SceneError(_RULES[name], at="distribution", value=shown)
     return Distribution(name, tuple(float(v) for v in values))
 
 
-def _by_scipy(name: str, given: Any, parameters: Mapping[str, float] | None) -> Distribution:
+def _by_scipy(name: str, shown: Any, parameters: Mapping[str, float] | None) -> Distribution:
     """Return a distribution of scipy.stats; SceneError."""
     family = _scipy(name)
     if family is None:
         import scipy.stats
 
-        known = [word for word in dir(scipy.stats) if _scipy(word) is not None]
-        error = unknown("distribution", [*_RULES, *known], at="distribution", value=name)
+        continuous = [word for word in dir(scipy.stats) if _scipy(word) is not None]
+        error = unknown("distribution", [*_RULES, *continuous], at="distribution", value=name)
         error.rule = (
             "no such distribution; known: normal = [mean, sd], uniform = [low, high], and the"
             " continuous distributions of scipy.stats"
@@ -319,13 +319,13 @@ def _by_scipy(name: str, given: Any, parameters: Mapping[str, float] | None) -> 
     numbers = parameters is not None and all(is_number(v) for v in parameters.values())
     if parameters is None or not numbers or not parameters.keys() <= set(allowed):
         rule = f"scipy's {name} needs a table of numbers with the keys {', '.join(allowed)}"
-        raise SceneError(rule, at="distribution", value=given)
+        raise SceneError(rule, at="distribution", value=shown)
     missing = [word for word in shapes if word not in parameters]
     law = Distribution(name, tuple((key, float(value)) for key, value in parameters.items()))
     if missing or not np.isfinite(law.ppf(np.array([0.25, 0.75]))).all():
         what = ", ".join(missing) or "a parameter"
         rule = f"{what} is missing or outside the domain of the distribution"
-        raise SceneError(rule, at="distribution", value=given)
+        raise SceneError(rule, at="distribution", value=shown)
     return law
 
 
@@ -386,9 +386,9 @@ class Mixture(Distribution):
 
     def between(self, low: float, high: float) -> Distribution:
         """Raise SceneError: a mixture has no quantiles in closed form."""
-        given = {**self.as_table(), "between": [low, high]}
+        shown = {**self.as_table(), "between": [low, high]}
         rule = "truncate the components of the mixture instead"
-        raise SceneError(rule, at="between", value=given)
+        raise SceneError(rule, at="between", value=shown)
 
 
 def mixture(*parts: tuple[float, Distribution]) -> Distribution:
@@ -420,15 +420,15 @@ def mixture(*parts: tuple[float, Distribution]) -> Distribution:
     """
     rule = "expected two or more components, each a weight > 0 and a distribution"
     pairs = [part for part in parts if isinstance(part, (tuple, list)) and len(part) == 2]
-    given: Any = pairs
-    measured = [one for _, one in given if isinstance(one, Measured)]
+    components: Any = pairs
+    measured = [law for _, law in components if isinstance(law, Measured)]
     if measured:
-        if len(measured) < len(parts) or len({one.unit for one in measured}) > 1:
+        if len(measured) < len(parts) or len({law.unit for law in measured}) > 1:
             rule = "the components of a mixture must have one unit; in a file, give it beside them"
             raise SceneError(rule, at="mixture")
-        made = mixture(*((weight, one.value) for weight, one in given))
+        made = mixture(*((weight, law.value) for weight, law in components))
         return Measured(made, measured[0].unit)  # type: ignore[return-value]
-    known = all(is_number(w) and w > 0 and isinstance(law, Distribution) for w, law in pairs)
-    if not known or len(pairs) != len(parts) or len(parts) < 2:
+    are_laws = all(is_number(w) and w > 0 and isinstance(law, Distribution) for w, law in pairs)
+    if not are_laws or len(pairs) != len(parts) or len(parts) < 2:
         raise SceneError(rule, at="mixture", value=[str(part) for part in parts])
     return Mixture("mixture", tuple((float(weight), law) for weight, law in pairs))

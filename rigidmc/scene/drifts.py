@@ -53,14 +53,14 @@ def drift_laws(
     synchronous with the motion may miss it. In float32 rounded coefficients break reversibility.
     """
     laws = np.full(rows.shape[1], LAWS["not_judged"], np.int8)
-    known = [i for i, name in enumerate(("energy_drift", "l2")) if conserved[name] == "yes"]
-    if stops or not known or np.max(steps, initial=0.0) < JUDGED:
+    kept = [i for i, name in enumerate(("energy_drift", "l2")) if conserved[name] == "yes"]
+    if stops or not kept or np.max(steps, initial=0.0) < JUDGED:
         return laws
     floor = EPSILON[dtype] * (100.0 + 30.0 * np.sqrt(steps))
     returns = is_reversible and dtype == "float64"
     stays, rounds = np.zeros(laws.size, bool), np.ones(laws.size, bool)
     with np.errstate(all="ignore"):
-        for i in known:
+        for i in kept:
             most = rows[layout.DRIFT + i]
             if i == 0:
                 # relative to the energies involved, not to the initial energy, which may be near 0

@@ -34,8 +34,8 @@ def is_about_centre(about: Any) -> bool:
 def mass_and_centre(mass: Any, centre: Any) -> tuple[Any, tuple[Any, ...]]:
     """Return a mass, ASSUMED_MASS for None, and a centre of mass in SI units; SceneError."""
     c = vector(vector_in_si(centre, "m", "body.centre"), "body.centre")
-    given = ASSUMED_MASS if mass is None else in_si(mass, "kg", "body.mass")
-    return quantity(given, "body.mass"), c
+    in_kg = ASSUMED_MASS if mass is None else in_si(mass, "kg", "body.mass")
+    return quantity(in_kg, "body.mass"), c
 
 
 def tensor_about_pivot(tensor: Any, mass: Any, centre: Any) -> Any:

@@ -89,18 +89,18 @@ def symmetric_parameters(
 
 def by_name(parameters: Iterable[Parameter]) -> Parameters:
     """Return {name: parameter}."""
-    return {one.name: one for one in parameters}
+    return {p.name: p for p in parameters}
 
 
 def refused(
-    known: Mapping[str, Parameter], names: Iterable[str], rule: Refusal, unit: str = "1"
+    others: Mapping[str, Parameter], names: Iterable[str], rule: Refusal, unit: str = "1"
 ) -> Parameters:
     """Return parameters without a derivative, for the reason `rule`.
 
     unit : of names that are not known
     """
     return {
-        name: known.get(name, Parameter(name, unit, rule))._replace(seeds=rule) for name in names
+        name: others.get(name, Parameter(name, unit, rule))._replace(seeds=rule) for name in names
     }
 
 
@@ -112,13 +112,13 @@ def of_vector(name: str, path: Path, value: Any, unit: str) -> Iterator[Paramete
             yield Parameter(f"{name}.{i + 1}", unit, one_seed((*path, "sample"), _component(i)))
         units = parameter_units(value, unit)
         for field, part in value.as_dict().items():
-            known = of_field(f"{name}.{field}", (*path, field), part, units.get(field, "1"))
+            each = of_field(f"{name}.{field}", (*path, field), part, units.get(field, "1"))
             is_free = field not in _FIXED
-            yield from (one._replace(is_settable=one.is_settable and is_free) for one in known)
-    elif whole := whole_of(value):
+            yield from (p._replace(is_settable=p.is_settable and is_free) for p in each)
+    elif law := whole_of(value):
         for i in range(3):
             yield Parameter(f"{name}.{i + 1}", unit, one_seed((*path, i)))
-        yield from _of_correlated(name, path, whole, unit)
+        yield from _of_correlated(name, path, law, unit)
     else:
         yield from of_quantities(name, path, value, unit)
 
@@ -140,22 +140,22 @@ def of_field(name: str, path: Path, part: Any, unit: str) -> Iterator[Parameter]
         yield from of_quantity(name, path, part, unit)
 
 
-def _of_correlated(name: str, path: Path, whole: Correlated, unit: str) -> Iterator[Parameter]:
+def _of_correlated(name: str, path: Path, law: Correlated, unit: str) -> Iterator[Parameter]:
     """Yield mean and covariance of a Correlated vector that is a parameter of an effect."""
     for i in range(3):
         yield Parameter(f"{name}.mean.{i + 1}", unit, one_seed((*path, i)))
     for i, j in combinations_with_replacement(range(3), 2):
-        seeds = partial(_by_covariance, path, whole, i, j)
+        seeds = partial(_by_covariance, path, law, i, j)
         yield Parameter(f"{name}.covariance.{i + 1}.{j + 1}", squared(unit), seeds)
 
 
-def _by_covariance(path: Path, whole: Correlated, i: int, j: int) -> list[Seed]:
+def _by_covariance(path: Path, law: Correlated, i: int, j: int) -> list[Seed]:
     """Return the Seeds of element (i, j) of a covariance."""
     unit = np.zeros((3, 3))
     unit[i, j] = unit[j, i] = 1.0
     marked: Any = [
         [DualArray(x, [by]) for x, by in zip(row, rates, strict=True)]
-        for row, rates in zip(whole.covariance, unit.tolist(), strict=True)
+        for row, rates in zip(law.covariance, unit.tolist(), strict=True)
     ]
     factor: Any = lower_factor(marked)
 

@@ -45,26 +45,26 @@ END = "run.t_end"  # enters no member at its start, see `rigidmc.runs.blocks`
 def parameters_of(model: Model) -> Parameters:
     """Return all parameters of a model by name."""
     which = model.start.spin_name
-    spin, known = getattr(model.start, which), body_parameters(model.body)
-    known |= by_name(of_vector(f"start.{which}", ("start", which), spin, START[which]))
+    spin, parameters = getattr(model.start, which), body_parameters(model.body)
+    parameters |= by_name(of_vector(f"start.{which}", ("start", which), spin, START[which]))
     if isinstance(spin, EquilibriumEnsemble) and model.body.is_turned:
-        known |= refused(known, (f"start.{which}.{i}" for i in (1, 2, 3)), _TURNED)
+        parameters |= refused(parameters, (f"start.{which}.{i}" for i in (1, 2, 3)), _TURNED)
     has_angles = model.start.has_euler_angles
     attitude = by_name(_of_attitude(model)).items()
-    known |= {k: one._replace(is_settable=one.is_settable and has_angles) for k, one in attitude}
+    parameters |= {k: p._replace(is_settable=p.is_settable and has_angles) for k, p in attitude}
     for i, (label, effect) in enumerate(label_effects(model.effects)):
         for field in user_parameters(effect):
             unit, path = facts(effect).units.get(field, "1"), ("effects", i, field)
             of_one = of_quantity if shape(effect, field) is None else of_vector
             value = getattr(effect, field)
-            known |= by_name(of_one(f"effects.{label}.{field}", path, value, unit))
-    known |= refused(known, *_refused_by_rejection(model, known))
-    return known | {END: Parameter(END, "s", list)}
+            parameters |= by_name(of_one(f"effects.{label}.{field}", path, value, unit))
+    parameters |= refused(parameters, *_refused_by_rejection(model, parameters))
+    return parameters | {END: Parameter(END, "s", list)}
 
 
 def parameter_names(model: Model) -> list[str]:
     """Return the names of all parameters of a model that may differ between members."""
-    return [name for name, one in parameters_of(model).items() if one.is_settable]
+    return [name for name, p in parameters_of(model).items() if p.is_settable]
 
 
 def unit_at(model: Model, name: str) -> str:
@@ -77,15 +77,15 @@ def units_at(model: Model, names: Iterable[str]) -> tuple[str, ...]:
     if not (names := tuple(names)):
         return ()  # to list all parameters takes .2 of the 2.5 ms of a run of few members
     units: dict[str, str] = {}
-    for word, one in parameters_of(model).items():
-        units[word] = units[vector_of(word)] = one.unit
+    for word, p in parameters_of(model).items():
+        units[word] = units[vector_of(word)] = p.unit
     return tuple(units.get(name, "1") for name in names)
 
 
 def vector_of(name: str) -> str:
     """Return the name of the vector that contains a component; "" for a scalar."""
-    whole, _, last = name.rpartition(".")
-    return whole if last.isdecimal() or (whole == "start.attitude" and last in ANGLES) else ""
+    vector, _, last = name.rpartition(".")
+    return vector if last.isdecimal() or (vector == "start.attitude" and last in ANGLES) else ""
 
 
 def path_of(model: Model, name: str) -> Path:
@@ -137,8 +137,8 @@ def _of_attitude(model: Model) -> Iterator[Parameter]:
         for field, part in value.as_dict().items():
             at_pole = isinstance(value, Pointing) and not any(value.direction[:2])
             rule = _POLE if at_pole and field == "direction" else None
-            for one in of_field(f"{name}.{field}", (*path, field), part, "1"):
-                yield one._replace(seeds=rule or one.seeds)
+            for p in of_field(f"{name}.{field}", (*path, field), part, "1"):
+                yield p._replace(seeds=rule or p.seeds)
 
 
 def _own_rotation(i: int) -> Rate:
@@ -164,14 +164,14 @@ def _of_component(value: Any, k: int) -> list[Seed]:
     return [Seed(("start", "attitude", i), rate_of(i)) for i in range(4)]
 
 
-def _refused_by_rejection(model: Model, known: Parameters) -> tuple[list[str], str]:
+def _refused_by_rejection(model: Model, parameters: Parameters) -> tuple[list[str], str]:
     """Return the parameters on which the attitudes of an ensemble depend, and the reason why they
     have no derivative."""
     rule = (
         'changes which attitudes are accepted: attitude = "ensemble" is drawn by rejection, which'
         " jumps from one attitude to another"
     )
-    acting = [one for one in label_effects(model.effects) if implements(one[1], "energy")]
+    acting = [pair for pair in label_effects(model.effects) if implements(pair[1], "energy")]
     if model.start.attitude != "ensemble" or not acting:
         return [], rule
     parts = ("body.", *(f"effects.{label}." for label, _ in acting))
@@ -179,7 +179,7 @@ def _refused_by_rejection(model: Model, known: Parameters) -> tuple[list[str], s
     # the energies of the effects shipped depend on the body by its mass and centre alone
     shipped = all(name_of(effect) in EFFECTS for _, effect in acting)
     free = ("body.moments.",) if shipped else ()
-    return [k for k in known if k.startswith(parts) and not k.startswith(free)], rule
+    return [k for k in parameters if k.startswith(parts) and not k.startswith(free)], rule
 
 
 def with_parameter(scene: Scene, name: str, value: Any, key: str = "parameter") -> Scene:
@@ -225,8 +225,8 @@ def with_parameters(
             effects[int(first)] = _put(effects[int(first)], rest, value)
         else:
             fields = changed[str(table)]
-            whole = fields.get(str(first), getattr(getattr(model, str(table)), str(first)))
-            fields[str(first)] = _put(whole, rest, value)
+            old = fields.get(str(first), getattr(getattr(model, str(table)), str(first)))
+            fields[str(first)] = _put(old, rest, value)
     if stated is not None and stated is not body.stated:
         body = stated.make(type(body), body.frame)
     if changed["body"]:
@@ -274,14 +274,14 @@ def _of_mass(body: Any, solid: str, name: str, value: Any, key: str) -> Any:
     return replace(body, moments=moments, mass=value)
 
 
-def _put(whole: Any, path: Sequence[str | int], value: Any) -> Any:
+def _put(part: Any, path: Sequence[str | int], value: Any) -> Any:
     """Return an effect, a distribution or a tuple with one value replaced."""
     if not path:
         return value
     key, *rest = path
     if isinstance(key, int):
-        return (*whole[:key], _put(whole[key], rest, value), *whole[key + 1 :])
-    change = {key: _put(getattr(whole, key), rest, value)}
-    if isinstance(whole, VectorDistribution):
-        return replace(whole, **change)
-    return whole._replace(**change)  # an effect
+        return (*part[:key], _put(part[key], rest, value), *part[key + 1 :])
+    change = {key: _put(getattr(part, key), rest, value)}
+    if isinstance(part, VectorDistribution):
+        return replace(part, **change)
+    return part._replace(**change)  # an effect

@@ -115,16 +115,16 @@ def grid(low: Any, high: Any, count: int, stride: int = 1, log: bool = False) ->
     numbers, unit = common_unit({"low": low, "high": high}, "grid")
     if unit:
         return Measured(grid(**numbers, count=count, stride=stride, log=log), unit)  # type: ignore[return-value]
-    given = {"grid": [low, high, count], "stride": stride, "log": log}
+    shown = {"grid": [low, high, count], "stride": stride, "log": log}
     if not (is_number(low) and is_number(high) and low < high) or (log and not low > 0):
         above = ", above 0 if log = true" if log else ""
         rule = f"expected grid = [low, high, count] with low < high{above}"
-        raise SceneError(rule, at="grid", value=given)
+        raise SceneError(rule, at="grid", value=shown)
     for name, value in (("count", count), ("stride", stride)):
         try:
             parse_count(value)
         except ValueError as error:
-            raise SceneError(f"{name}: {error}", at="grid", value=given) from None
+            raise SceneError(f"{name}: {error}", at="grid", value=shown) from None
     return Grid(float(low), float(high), int(count), int(stride), bool(log))
 
 

@@ -50,13 +50,13 @@ class Recording(NamedTuple):
     @property
     def has_noise_sums(self) -> bool:
         """Whether sums over the noise of all steps are recorded."""
-        return any(isinstance(one, NoiseSum) for _, one in self.monitored)
+        return any(isinstance(part, NoiseSum) for _, part in self.monitored)
 
     @property
     def histograms(self) -> Labelled:
         """The counts over all members."""
         return tuple(
-            (label, one) for label, one in self.monitored if isinstance(one, EnsembleObservable)
+            (label, part) for label, part in self.monitored if isinstance(part, EnsembleObservable)
         )
 
 
@@ -68,7 +68,7 @@ def make_recording(run: Run, observables: tuple[Any, ...], effects: Sequence[Any
     return Recording(
         names,
         retained,
-        {name: bind(one, effects) for name, one in at_saves.items()},
+        {name: bind(part, effects) for name, part in at_saves.items()},
         tuple(monitored_observables((*run.save, *summaries(retained)), observables)),
         "work" in run.save,
         observables,

@@ -82,11 +82,11 @@ def _quantiles(law: Distribution) -> dict[str, Quantile | Refusal]:
         }
     if law.name == "uniform":
         return {"low": lambda u, x: 1.0 - u, "high": lambda u, x: u}
-    known = {"loc": 0.0, "scale": 1.0} | dict(law.parameters)
-    loc, scale = known["loc"], known["scale"]
+    parameters = {"loc": 0.0, "scale": 1.0} | dict(law.parameters)
+    loc, scale = parameters["loc"], parameters["scale"]
     shapes = {
         name: f"is a shape parameter of {law.name}: scipy has no derivatives by it"
-        for name in known
+        for name in parameters
         if name not in ("loc", "scale")
     }
     return {"loc": lambda u, x: np.ones_like(x), "scale": lambda u, x: (x - loc) / scale, **shapes}
@@ -138,10 +138,10 @@ def _by_place(law: Distribution) -> dict[str, Quantile | Refusal]:
 def _of_mixture(law: Mixture) -> dict[str, Quantile | Refusal]:
     def inside(i: int, rate: Quantile) -> Quantile:
         def of_component(u: Array, x: Array) -> Any:
-            which, own = law.components(u)
-            found, here = np.zeros_like(x), which == i
-            found[here] = rate(own[here], x[here])
-            return found
+            which, inside_u = law.components(u)
+            rates_of_all, here = np.zeros_like(x), which == i
+            rates_of_all[here] = rate(inside_u[here], x[here])
+            return rates_of_all
 
         return of_component
 

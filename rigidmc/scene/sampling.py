@@ -50,7 +50,7 @@ class DimensionProbe:
 
     def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
         drawn = [(name, draw, i) for i in used]
-        self.dimensions += [one for one in drawn if one not in self.dimensions]
+        self.dimensions += [dimension for dimension in drawn if dimension not in self.dimensions]
         return np.full((4, count), 0.5)
 
 
@@ -128,12 +128,12 @@ class NeighbourFamilies:
         member = np.arange(first, first + count)
         family, place = member // self.size, member % self.size
         low, high = int(family[0]), int(family[-1]) + 1
-        own = uniforms(self.seed, name, low, high - low, draw)[:, family - low]
+        u = uniforms(self.seed, name, low, high - low, draw)[:, family - low]
         distance, words = np.array((0.0, *DISTANCES))[place], np.full((4, count), 0.5)
         for i in used:
             moved = self.group[name, draw, i] == family % self.groups
-            near = np.where(own[i] + distance < 1.0, own[i] + distance, own[i] - distance)
-            words[i] = np.where(moved, near, own[i])
+            near = np.where(u[i] + distance < 1.0, u[i] + distance, u[i] - distance)
+            words[i] = np.where(moved, near, u[i])
         return words
 
 
@@ -259,11 +259,11 @@ def is_sample_of(tables: Mapping[str, Any]) -> bool:
     """Return `is_sample` from the tables of the TOML text in a result: without its rows, and
     without the code of custom effects, which may be random."""
     effects = tables.get("effects", {})
-    parts = [(name, one) for name, some in effects.items() for one in _several(some)]
+    parts = [(name, table) for name, some in effects.items() for table in _several(some)]
     noisy = any(name not in EFFECTS or is_random(EFFECTS[name]) for name, _ in parts)
     body = {key: value for key, value in tables["body"].items() if key != "shape"}
     values = [*body.values(), *tables.get("start", {}).values()]
-    values += [value for _, one in parts for value in one.values()]
+    values += [value for _, table in parts for value in table.values()]
     words = isinstance(tables.get("start", {}).get("attitude"), str)
     return noisy or words or any(map(_differs, values))
 
@@ -307,16 +307,16 @@ def refuse_indexed(model: Model, study: str, tables: bool = True) -> None:
 def _named(model: Model) -> Iterator[tuple[str, Any]]:
     """Yield (path, quantity) for all quantities."""
     body, start = model.body, model.start
-    given: list[tuple[str, Any]] = [
+    named: list[tuple[str, Any]] = [
         (f"body.{body.inertia_key}", body.moments), ("body.mass", body.mass),
         ("body.centre", body.centre), (f"start.{start.spin_name}", getattr(start, start.spin_name)),
         ("start.attitude", start.attitude),
     ]  # fmt: skip
     for label, effect in label_effects(model.effects):
-        given += [
+        named += [
             (f"effects.{label}.{key}", value)
             for key, value in zip(effect._fields, effect, strict=True)
         ]
-    for at, value in given:
+    for at, value in named:
         parts = flat_parameters(value) if isinstance(value, VectorDistribution) else value
-        yield from ((at, one) for one in (parts if type(parts) is tuple else (parts,)))
+        yield from ((at, part) for part in (parts if type(parts) is tuple else (parts,)))

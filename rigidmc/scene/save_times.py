@@ -64,16 +64,16 @@ def saves_per_turn(every: Any) -> float | None:
 
 
 def _per_turn(text: str) -> str:
-    found = _PER_TURN.fullmatch(text.strip())
+    match = _PER_TURN.fullmatch(text.strip())
     try:
-        number = float(found[1]) if found else math.nan
+        number = float(match[1]) if match else math.nan
     except ValueError:
         number = math.nan
-    if found is None or not 0.0 < number < math.inf:
+    if match is None or not 0.0 < number < math.inf:
         raise ValueError(f"{EVERY}; N of N/turn is a number above 0")
-    if found[2] != "turn":
+    if match[2] != "turn":
         right = f"{number:g}/turn"
-        near = right if nearest(found[2], ("turn",)) or found[2] in ("rev", "rad") else None
+        near = right if nearest(match[2], ("turn",)) or match[2] in ("rev", "rad") else None
         raise SceneError(EVERY, at="run.every", value=text, nearest=near)
     return f"{number!r}/turn".replace(".0/", "/")
 
@@ -97,13 +97,13 @@ def _listed(value: Any) -> Sequence[Any] | None:
 def _increasing(times: Sequence[Any]) -> tuple[float, ...]:
     if not 0 < len(times) <= MOST_TIMES:
         raise ValueError(f"expected 1 to {MOST_TIMES:,} times; or give one time between saves")
-    found = tuple(seconds_of(one, positive=False) for one in times)
-    if found[0] < 0.0:
+    seconds = tuple(seconds_of(time, positive=False) for time in times)
+    if seconds[0] < 0.0:
         raise ValueError("expected times from 0 on")
-    if wrong := next((i for i in range(1, len(found)) if not found[i - 1] < found[i]), 0):
-        rule = f"times must increase, but {found[wrong]:g} s follows {found[wrong - 1]:g} s"
+    if wrong := next((i for i in range(1, len(seconds)) if not seconds[i - 1] < seconds[i]), 0):
+        rule = f"times must increase, but {seconds[wrong]:g} s follows {seconds[wrong - 1]:g} s"
         raise ValueError(rule)
-    return found
+    return seconds
 
 
 def read_every(value: Any, at: str, error: type[RigidmcError] = SceneError) -> SaveTimes:

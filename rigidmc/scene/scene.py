@@ -128,15 +128,15 @@ class Scene:
         effects: Iterable[Any] = self.effects if several else (self.effects,)
         effects = canonical(tuple(check_effect(e, self.run.anti_damping) for e in effects))
         alone = not isinstance(self.observables, (list, tuple)) or is_observable(self.observables)
-        given: Iterable[Any] = (self.observables,) if alone else self.observables
-        observables = sorted(map(check_observable, given), key=observable_order)
-        for one in observables:
-            if isinstance(one, Histogram):
-                check_histogram(one, observables)
+        parts: Iterable[Any] = (self.observables,) if alone else self.observables
+        observables = sorted(map(check_observable, parts), key=observable_order)
+        for observable in observables:
+            if isinstance(observable, Histogram):
+                check_histogram(observable, observables)
         object.__setattr__(self, "effects", effects)
         object.__setattr__(self, "observables", tuple(observables))
-        own = named_integrators(self.integrators)
-        object.__setattr__(self, "integrators", tuple(own.values()))
+        integrators = named_integrators(self.integrators)
+        object.__setattr__(self, "integrators", tuple(integrators.values()))
         check_orbit(self.start.relative_to_orbit, effects)
         count_rows(*self.model.quantities())
 
@@ -268,10 +268,10 @@ class Scene:
         >>> rm.Scene.load("heavy_top").user_parts
         ()
         """
-        own = (e for e in self.effects if type(e) not in EFFECTS.values())
+        effects = (e for e in self.effects if type(e) not in EFFECTS.values())
         laws = (q for q in self.model.quantities() if isinstance(q, VectorDistribution))
         others = (law for law in laws if type(law) not in VECTOR_DISTRIBUTIONS)
-        return (*own, *filter(is_own, self.observables), *self.integrators, *others)
+        return (*effects, *filter(is_own, self.observables), *self.integrators, *others)
 
     @property
     def model(self) -> Model:
@@ -341,12 +341,12 @@ class Scene:
         if "save" in given:
             save: Any = given["save"]
             save = words_of(save) if isinstance(save, str) else save
-            for one in (save := (save,) if is_observable(save) else tuple(save)):
+            for part in (save := (save,) if is_observable(save) else tuple(save)):
                 # tuples of different classes are equal if their numbers are
-                same = any(type(one) is type(other) and one == other for other in observables)
-                bare = type(one) in bare_observables().values()
-                observables += () if isinstance(one, str) or bare or same else (one,)
-            words = (one if isinstance(one, str) else word_of_observable(one) for one in save)
+                same = any(type(part) is type(other) and part == other for other in observables)
+                bare = type(part) in bare_observables().values()
+                observables += () if isinstance(part, str) or bare or same else (part,)
+            words = (part if isinstance(part, str) else word_of_observable(part) for part in save)
             given["save"] = tuple(dict.fromkeys(words))
         scene = self
         if not isinstance(given.get("integrator", ""), str):

@@ -221,12 +221,12 @@ def shape_of_region(region: Any) -> Shape:
     return ()
 
 
-def join_shapes(one: Shape, other: Iterable[ShapePart], hole: bool) -> Shape:
+def join_shapes(first: Shape, other: Iterable[ShapePart], hole: bool) -> Shape:
     """Join two shapes, the other already placed; () if one of them is unknown."""
     parts = tuple(part._replace(hole=part.hole != hole) for part in other)
-    return (*one, *parts) if one and parts else ()
+    return (*first, *parts) if first and parts else ()
 
 
 def _listed(value: Any) -> Any:
     """Convert tuples to lists, for TOML."""
-    return [_listed(one) for one in value] if isinstance(value, (list, tuple)) else value
+    return [_listed(part) for part in value] if isinstance(value, (list, tuple)) else value

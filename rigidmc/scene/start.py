@@ -101,10 +101,10 @@ class Start(Renamed):
         if (self.omega is None) == (self.momentum is None):
             raise SceneError("give either omega or momentum", at="start.omega")
         name = self.spin_name
-        given = vector_in_si(self._given, START[name], f"start.{name}")
+        spin = vector_in_si(self._given, START[name], f"start.{name}")
         object.__setattr__(self, "attitude", angles_in_si(self.attitude, "start.attitude"))
-        whole = isinstance(given, VectorDistribution)
-        put = (check_distribution if whole else vector)(given, f"start.{self.spin_name}")
+        is_drawn = isinstance(spin, VectorDistribution)
+        put = (check_distribution if is_drawn else vector)(spin, f"start.{self.spin_name}")
         object.__setattr__(self, self.spin_name, put)
         if isinstance(self.attitude, VectorDistribution):
             attitude: Any = check_distribution(self.attitude, "start.attitude")
@@ -118,7 +118,7 @@ class Start(Renamed):
         relative = check_relative(self.relative_to_orbit, self.spin_name, attitude)
         object.__setattr__(self, "relative_to_orbit", relative)
         if self.attitude == "ensemble" and not (
-            isinstance(given, EquilibriumEnsemble) and given.direction is None
+            isinstance(spin, EquilibriumEnsemble) and spin.direction is None
         ):
             rule = (
                 "follows from the distribution of the momentum: give momentum = { gibbs = kT }, or"
@@ -131,14 +131,14 @@ class Start(Renamed):
         for key in ("omega", "momentum", "attitude"):
             if not is_start_table(key, getattr(self, key)):
                 continue
-            given = read_start_table(key, getattr(self, key))
-            object.__setattr__(self, key, given.value)
-            if given.sequence is not None:
-                object.__setattr__(self, "sequence", given.sequence)
-            if given.relative:
-                known = self.relative_to_orbit
-                known = tuple(known) if isinstance(known, (list, tuple)) else (known,)
-                object.__setattr__(self, "relative_to_orbit", (*known, key))
+            content = read_start_table(key, getattr(self, key))
+            object.__setattr__(self, key, content.value)
+            if content.sequence is not None:
+                object.__setattr__(self, "sequence", content.sequence)
+            if content.relative:
+                relative = self.relative_to_orbit
+                relative = tuple(relative) if isinstance(relative, (list, tuple)) else (relative,)
+                object.__setattr__(self, "relative_to_orbit", (*relative, key))
 
     @property
     def spin_name(self) -> str:
@@ -218,10 +218,10 @@ class Start(Renamed):
         >>> name, values.shape
         ('omega', (3, 5))
         """
-        name, given = f"start.{self.spin_name}", self._given
-        if isinstance(given, VectorDistribution):
-            return self.spin_name, given.sample(sampler, name, first, count, facts)
-        return self.spin_name, draw(given, sampler, name, first, count)
+        name, spin = f"start.{self.spin_name}", self._given
+        if isinstance(spin, VectorDistribution):
+            return self.spin_name, spin.sample(sampler, name, first, count, facts)
+        return self.spin_name, draw(spin, sampler, name, first, count)
 
     def sample_attitude(
         self, sampler: Source, first: int, count: int, facts: MemberFacts | None = None
@@ -277,8 +277,8 @@ def _attitude(value: Any) -> Any:
     """Return an attitude that is not a distribution, with its numbers checked."""
     if isinstance(value, str):
         if value not in ("uniform", "ensemble"):
-            known = ["uniform", "ensemble", "3 Euler angles", "a quaternion", "a matrix"]
-            raise unknown("attitude", known, at="start.attitude", value=value)
+            words = ["uniform", "ensemble", "3 Euler angles", "a quaternion", "a matrix"]
+            raise unknown("attitude", words, at="start.attitude", value=value)
         return value
     if hasattr(value, "as_quat"):  # scipy's Rotation
         value = _components_of(np.asarray(value.as_quat(scalar_first=True)))
@@ -334,7 +334,7 @@ def _members_first(value: Any) -> Any:
 
 def _is_nested(value: Any) -> bool:
     """Return whether a value is a list of lists."""
-    return len(value) > 0 and all(isinstance(one, (list, tuple)) for one in value)
+    return len(value) > 0 and all(isinstance(part, (list, tuple)) for part in value)
 
 
 def _is_columns(value: Any) -> bool:

@@ -74,8 +74,8 @@ def read_start_table(key: str, table: dict[str, Any]) -> Given:
     if not kinds and (other := _other(table, (*own_keys(key), "value"))):
         raise unknown("key", own_keys(key), at=at, key=other)
     if len(kinds) != 1:
-        known = ", ".join(_OF_KEY[key])
-        rule = f"give one of these keys: {known}" if known else "is not relative to an orbit"
+        words = ", ".join(_OF_KEY[key])
+        rule = f"give one of these keys: {words}" if words else "is not relative to an orbit"
         raise SceneError(rule, at=at, value=_words(table))
     kind = kinds[0]
     allowed = (kind, *_MORE[kind], "relative_to")
@@ -116,10 +116,10 @@ def _read_angles(table: dict[str, Any], at: str) -> Any:
     unit = table.get("unit", "rad")
     if unit not in tuple(UNITS):
         raise unknown("unit of angles", UNITS, at=f"{at}.unit", value=unit)
-    given = table["angles"]
+    numbers = table["angles"]
     if "unit" not in table:
-        given = angles_in_si(given, f"{at}.angles")
-    angles = vector(given, f"{at}.angles")
+        numbers = angles_in_si(numbers, f"{at}.angles")
+    angles = vector(numbers, f"{at}.angles")
     return angles if unit == "rad" else tuple(_times(x, UNITS[unit]) for x in angles)
 
 
@@ -149,9 +149,9 @@ def _read_matrix(value: Any, at: str) -> Any:
     return matrix
 
 
-def _other(table: dict[str, Any], known: Sequence[str]) -> str:
+def _other(table: dict[str, Any], allowed: Sequence[str]) -> str:
     """Return the first key that is not known; "" without one."""
-    return next((name for name in table if name not in known), "")
+    return next((name for name in table if name not in allowed), "")
 
 
 def _words(table: dict[str, Any]) -> Any:

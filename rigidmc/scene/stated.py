@@ -65,9 +65,9 @@ class Stated(NamedTuple):
 
     def tensor(self) -> Array:
         """Return the stated inertia (3, 3) in the described axes, about its own point."""
-        given = np.array(self.inertia)
+        stated = np.array(self.inertia)
         axes = np.eye(3) if self.axes is None else np.array(self.axes)
-        return given if self.key == "tensor" else (axes * given) @ axes.T
+        return stated if self.key == "tensor" else (axes * stated) @ axes.T
 
     def arms(self) -> tuple[Array, Array]:
         """Return the centre of mass from the point of the inertia, and from the fixed point."""
@@ -81,9 +81,9 @@ class Stated(NamedTuple):
 
     def is_of(self, tensor: Array, mass: float, centre: Any) -> bool:
         """Return whether a body with this tensor about its fixed point has the stated numbers."""
-        m, own, (old, new) = _mass(self), self.tensor(), self.arms()
-        size = np.abs(own).max() + m * (old @ old + new @ new)
-        off = np.abs(own + m * (shift(new) - shift(old)) - tensor).max() / size
+        m, tensor_stated, (old, new) = _mass(self), self.tensor(), self.arms()
+        size = np.abs(tensor_stated).max() + m * (old @ old + new @ new)
+        off = np.abs(tensor_stated + m * (shift(new) - shift(old)) - tensor).max() / size
         away = np.abs(np.array(centre) - new).max() * np.sqrt(m / size)
         return bool(m == mass and max(off, away) < 1e-12)  # rounding
 
@@ -96,11 +96,11 @@ class Stated(NamedTuple):
         if self.is_free:
             # where the centre of mass was does not matter, and moving there and back costs digits
             about, centre = "pivot", ORIGIN
-        given = self.inertia, self.mass, centre, about
+        numbers = self.inertia, self.mass, centre, about
         if self.key == "moments":
-            body = replace(kind.from_moments(*given), frame=frame)
+            body = replace(kind.from_moments(*numbers), frame=frame)
         else:
-            body = kind.from_tensor(*given, frame)
+            body = kind.from_tensor(*numbers, frame)
         if self.axes is not None:
             body = replace(body, axes=self.axes)
         if self.pivot == "centre" and not self.is_free:

@@ -53,10 +53,10 @@ def in_si(value: Any, units: str | None, at: str) -> Any:
     if is_foreign(value):
         return _plain(from_foreign(value, _known(units, at), at))
     if isinstance(value, (list, tuple)) and not hasattr(value, "_fields"):
-        if all(type(one) in (float, int) for one in value):
+        if all(type(part) in (float, int) for part in value):
             return value
-        parts = [in_si(one, units, at) for one in value]
-        same = all(one is other for one, other in zip(parts, value, strict=True))
+        parts = [in_si(part, units, at) for part in value]
+        same = all(part is other for part, other in zip(parts, value, strict=True))
         return value if same else parts
     if isinstance(value, np.ndarray) and value.dtype.kind == "O":
         return in_si(value.tolist(), units, at)
@@ -100,18 +100,18 @@ def _converter(unit: Any, units: str | None, at: str, value: Any = None) -> Unit
 
 def _values(value: Any, at: str) -> Any:
     """Return the value beside a unit; SceneError if it is text, or has a unit of its own."""
-    for one in value if isinstance(value, (list, tuple)) else (value,):
+    for part in value if isinstance(value, (list, tuple)) else (value,):
         if (
-            isinstance(one, Measured)
-            or is_foreign(one)
-            or (isinstance(one, str) and quantity_text(one))
+            isinstance(part, Measured)
+            or is_foreign(part)
+            or (isinstance(part, str) and quantity_text(part))
         ):
             rule = "one number has one unit: here one stands inside, and another beside it"
-            raise SceneError(rule, at=at, value=one if isinstance(one, (str, Measured)) else None)
-        if isinstance(one, str):
-            raise SceneError(_NUMBERS, at=at, value=one)
-        if isinstance(one, (list, tuple)):
-            _values(one, at)
+            raise SceneError(rule, at=at, value=part if isinstance(part, (str, Measured)) else None)
+        if isinstance(part, str):
+            raise SceneError(_NUMBERS, at=at, value=part)
+        if isinstance(part, (list, tuple)):
+            _values(part, at)
     return value
 
 
@@ -127,7 +127,7 @@ def _scaled(value: Any, unit: Unit, at: str) -> Any:
     if isinstance(value, np.ndarray) and value.dtype.kind in "fiu":
         return unit.convert_array(value)
     if isinstance(value, (list, tuple)):
-        return [_scaled(one, unit, at) for one in value]
+        return [_scaled(part, unit, at) for part in value]
     if isinstance(value, Distribution):
         _refuse_periodic(value, unit, at)
         return _in_range(value, value.times(unit.factor), at)
@@ -138,23 +138,23 @@ def _scaled(value: Any, unit: Unit, at: str) -> Any:
     raise SceneError(_NUMBERS, at=at, value=value)
 
 
-def _in_range(given: Any, made: Any, at: str) -> Any:
+def _in_range(stated: Any, made: Any, at: str) -> Any:
     """Return a distribution or a grid in SI units; SceneError if its numbers overflow, or merge."""
     ends = np.array([0.01, 0.99])
     low, high = (made.low, made.high) if isinstance(made, Grid) else made.ppf(ends)
     if not np.isfinite([low, high]).all() or low == high:
         rule = "is too large or too small in SI units for floating-point numbers"
-        raise SceneError(rule, at=at, value=given.as_table())
+        raise SceneError(rule, at=at, value=stated.as_table())
     return made
 
 
 def _refuse_periodic(distribution: Distribution, unit: Unit, at: str) -> None:
     """Raise SceneError for a distribution of angles in radians in another unit."""
-    parts = [one for one in distribution.parameters if isinstance(one, Distribution)]
-    parts += [one[1] for one in distribution.parameters if isinstance(one, tuple)]
-    for one in (distribution, *(part for part in parts if isinstance(part, Distribution))):
-        if one.name in _PERIODIC and (unit.turns or unit.ratio != 1):
-            rule = f"{one.name} has a period of 2 pi: its numbers are radians; omit the unit"
+    parts = [part for part in distribution.parameters if isinstance(part, Distribution)]
+    parts += [part[1] for part in distribution.parameters if isinstance(part, tuple)]
+    for law in (distribution, *(part for part in parts if isinstance(part, Distribution))):
+        if law.name in _PERIODIC and (unit.turns or unit.ratio != 1):
+            rule = f"{law.name} has a period of 2 pi: its numbers are radians; omit the unit"
             raise SceneError(rule, at=at)
 
 
@@ -193,9 +193,9 @@ def parameters_in_si(distribution: Any, at: str) -> Any:
     changed = {}
     for name, value in distribution.as_dict().items():
         path = f"{at}.{distribution.name}.{name}"
-        found = in_si(value, units.get(name, "1" if shipped else None), path)
-        if found is not value:
-            changed[name] = found
+        converted = in_si(value, units.get(name, "1" if shipped else None), path)
+        if converted is not value:
+            changed[name] = converted
     if distribution.name == "uncertain_inertia" and len(changed.get("covariance", "123456")) != 6:
         rule = "a covariance of tensor, centre and mass has several units: give it in SI units"
         raise SceneError(rule, at=f"{at}.{distribution.name}.covariance")
@@ -253,9 +253,9 @@ def observable_in_si(observable: Any, word: str) -> Any:
     changed = {}
     for name, value in zip(observable._fields, observable, strict=True):
         if name in units or isinstance(value, Measured) or is_foreign(value):
-            found = in_si(value, units.get(name, shipped), f"observables.{word}.{name}")
-            if found is not value:
-                changed[name] = found
+            converted = in_si(value, units.get(name, shipped), f"observables.{word}.{name}")
+            if converted is not value:
+                changed[name] = converted
     return observable._replace(**changed) if changed else observable
 
 
@@ -264,17 +264,17 @@ def angles_in_si(value: Any, at: str) -> Any:
 
     Rows of angles with a unit are returned by columns, because 3 x 3 numbers may be a matrix.
     """
-    found = vector_in_si(value, "rad", at)
-    if found is value or hasattr(found, "dims"):
-        return found
-    several = isinstance(found, np.ndarray) or all(isinstance(x, (list, tuple)) for x in found)
-    rows = np.asarray(found) if several else None
+    angles = vector_in_si(value, "rad", at)
+    if angles is value or hasattr(angles, "dims"):
+        return angles
+    several = isinstance(angles, np.ndarray) or all(isinstance(x, (list, tuple)) for x in angles)
+    rows = np.asarray(angles) if several else None
     if rows is not None and rows.ndim == 2 and rows.shape[1] == 3:
         return tuple(np.ascontiguousarray(rows.T))
-    if len(found) != 3 or (rows is not None and rows.ndim != 1):
+    if len(angles) != 3 or (rows is not None and rows.ndim != 1):
         rule = "only Euler angles [phi, theta, psi] have a unit; a quaternion has none"
         raise SceneError(rule, at=at)
-    return found
+    return angles
 
 
 def hint_of_units(units: str) -> str:

@@ -38,10 +38,10 @@ from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 from rigidmc.scene.vector_distributions.vectors import Correlated, parts_of
 
 
-def named_integrators(given: Iterable[Any]) -> dict[str, Integrator]:
+def named_integrators(integrators: Iterable[Any]) -> dict[str, Integrator]:
     """Return {name: integrator} of custom integrators; SceneError."""
-    pairs = ((word_of(one if isinstance(one, type) else type(one)), one) for one in given)
-    return {word: known_facts(one, word) for word, one in pairs}
+    pairs = ((word_of(x if isinstance(x, type) else type(x)), x) for x in integrators)
+    return {word: known_facts(x, word) for word, x in pairs}
 
 
 def check_effect(effect: Any, driven: bool) -> Effect:
@@ -57,14 +57,14 @@ def check_effect(effect: Any, driven: bool) -> Effect:
         if isinstance(value, str) or (size is None and isinstance(value, (tuple, list))):
             raise SceneError(_one_number(effect, name, value), at=at, value=value)
         if isinstance(value, VectorDistribution):
-            one: Any = _components(value, at, size)
+            quantities: Any = _components(value, at, size)
         else:
-            one = quantity(value, at) if size is None else vector(value, at, size)
-        for part in (one,) if size is None else one:
+            quantities = quantity(value, at) if size is None else vector(value, at, size)
+        for part in (quantities,) if size is None else quantities:
             if not is_variable(part) and not (low <= np.min(part) and np.max(part) <= high):
                 wrong = float(np.min(part) if np.min(part) < low else np.max(part))
                 raise SceneError(outside(effect, low, high), at=at, value=wrong)
-        values.append(one)
+        values.append(quantities)
     checked: Effect = type(effect)(*values)
     return checked
 
@@ -108,13 +108,13 @@ def check_observable(observable: Any) -> Monitored | Observable:
         rule = f"'{word}' is an observable of the package: give the class another name"
         raise PartError.of(observable, rule, "observables")
     observable = observable_in_si(observable, word)
-    whole = {}  # 1e2 bins are 100 bins
+    integers = {}  # 1e2 bins are 100 bins
     for name, kind in type(observable).__annotations__.items():
         value = as_plain_arrays(getattr(observable, name), f"observables.{word}.{name}")
         real = isinstance(value, Real) and not isinstance(value, bool)
         if kind is int and real and float(value) == float(value) // 1:
-            whole[name] = int(value)
-    checked: Monitored | Observable = observable._replace(**whole)
+            integers[name] = int(value)
+    checked: Monitored | Observable = observable._replace(**integers)
     if not isinstance(checked, Observable) or implements(checked, "check"):
         checked.check()  # type: ignore[union-attr]
     return checked
@@ -123,10 +123,10 @@ def check_observable(observable: Any) -> Monitored | Observable:
 def check_saved_names(names: Iterable[str], observables: Sequence[Any]) -> None:
     """Raise SceneError for unknown names, for observables without required parameters, and for two
     classes with one name."""
-    given: dict[str, type] = {}
-    for one in observables:
-        word, kind = word_of_observable(one), type(one)
-        if given.setdefault(word, kind) is not kind:
+    kinds: dict[str, type] = {}
+    for observable in observables:
+        word, kind = word_of_observable(observable), type(observable)
+        if kinds.setdefault(word, kind) is not kind:
             rule = f"two classes have the name '{word}': rename one of them"
             raise PartError.of(kind, rule, "observables")
     for name in names:
@@ -135,7 +135,7 @@ def check_saved_names(names: Iterable[str], observables: Sequence[Any]) -> None:
                 raise SceneError(reason, at="run.save", value=name)
             raise unknown("observable", names_known, at="run.save", value=name)
         shipped = OBSERVABLES.get(name)
-        if shipped is not None and name not in given:
+        if shipped is not None and name not in kinds:
             missing = [f for f in shipped._fields if f not in shipped._field_defaults]
             if missing:
                 rule = f"needs a table [observables.{name}] with {', '.join(missing)}"
@@ -148,23 +148,23 @@ PILOT = 4096
 ALLOWED = "needs anti_damping = true under [run]"
 
 
-def check_histogram(one: Histogram, given: Sequence[Any]) -> None:
+def check_histogram(wanted: Histogram, observables: Sequence[Any]) -> None:
     """Raise SceneError if a histogram names an unknown observable or component.
 
-    given : the observables of the scene, with their parameters
+    observables : of the scene, with their parameters
     """
     at = "observables.histogram.of"
-    if any(is_opaque(x) and word_of_observable(x) == one.name for x in given):
+    if any(is_opaque(x) and word_of_observable(x) == wanted.name for x in observables):
         return
-    known = [name for name in (*bare_observables(), *own(given)) if name != "work"]
-    if one.name not in known:
-        raise unknown("observable", known, at=at, value=one.name)
-    count = size(find_observable(given, one.name).dims)
-    if (count > 1) != one.of.endswith("]") or one.component >= count:
-        rule = f"{one.name} has no components"
+    words = [name for name in (*bare_observables(), *own(observables)) if name != "work"]
+    if wanted.name not in words:
+        raise unknown("observable", words, at=at, value=wanted.name)
+    count = size(find_observable(observables, wanted.name).dims)
+    if (count > 1) != wanted.of.endswith("]") or wanted.component >= count:
+        rule = f"{wanted.name} has no components"
         if count > 1:
-            rule = f"{one.name} has {count} components: choose one, as in {one.name}[{count}]"
-        raise SceneError(rule, at=at, value=one.of)
+            rule = f"{wanted.name} has {count} components: choose one, as in {wanted.name}[{count}]"
+        raise SceneError(rule, at=at, value=wanted.of)
 
 
 def parameter_limits(effect: Effect | type[Effect], name: str, driven: bool) -> tuple[float, float]:

@@ -35,10 +35,10 @@ Nominal = dict[str, float | list[float]]
 def variable_names(model: Model) -> list[str]:
     """Return the names that may be varied: all parameters, except in vector distributions,
     which have no rows, and all vectors that contain these parameters."""
-    known = [name for name in parameter_names(model) if not name.startswith(_drawn_vectors(model))]
+    names = [name for name in parameter_names(model) if not name.startswith(_drawn_vectors(model))]
     if isinstance(model.start.attitude, tuple):
-        known = [*known, "start.attitude"]
-    return list(dict.fromkeys(word for name in known for word in (vector_of(name), name) if word))
+        names = [*names, "start.attitude"]
+    return list(dict.fromkeys(word for name in names for word in (vector_of(name), name) if word))
 
 
 def _drawn_vectors(model: Model) -> tuple[str, ...]:
@@ -49,15 +49,15 @@ def _drawn_vectors(model: Model) -> tuple[str, ...]:
     for label, effect in label_effects(model.effects):
         for field, value in zip(effect._fields, effect, strict=True):
             vectors[f"effects.{label}.{field}"] = whole_of(value)
-    return tuple(k for k, one in vectors.items() if isinstance(one, (VectorDistribution, str)))
+    return tuple(k for k, x in vectors.items() if isinstance(x, (VectorDistribution, str)))
 
 
 def _refused(model: Model, name: str) -> RigidmcError:
     """Return the error for a name that may not be varied, with the reason."""
     names, solid = variable_names(model), solid_by_mass(model.body)
     numbers = set(names) - {*map(vector_of, names), "start.attitude"}
-    inner = [one for one in numbers if name.startswith(f"{one}.")]
-    if drawn := [one for one in _drawn_vectors(model) if f"{name}.".startswith(f"{one}.")]:
+    inner = [number for number in numbers if name.startswith(f"{number}.")]
+    if drawn := [vector for vector in _drawn_vectors(model) if f"{name}.".startswith(f"{vector}.")]:
         rule = f"one distribution of the scene draws {drawn[0]}: give numbers in its place"
     elif inner:
         rule = f"members differ by {inner[0]} itself, not by its distribution"
@@ -78,13 +78,13 @@ def nominal_of(model: Model, names: Iterable[str]) -> Nominal:
 
     Raises SceneError for a name that the model lacks.
     """
-    found: Nominal = {}
+    nominal: Nominal = {}
     for name in names:
         if name not in variable_names(model):
             raise _refused(model, name)
         value = value_at(model, name)
-        found[name] = list(map(_middle, value)) if isinstance(value, tuple) else _middle(value)
-    return found
+        nominal[name] = list(map(_middle, value)) if isinstance(value, tuple) else _middle(value)
+    return nominal
 
 
 def _middle(value: Any) -> float:
@@ -150,20 +150,20 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
 
     Raises OptionError unless `values` has exactly the varied names, each with a row per member.
     """
-    known = scene.run.varied or {}
-    for name in {**values, **known}:
-        if name not in known:
-            rule = f"is not varied; varied: {', '.join(known) or 'nothing'}"
-            raise OptionError(rule, at="values", value=name, nearest=nearest(name, known))
+    nominal = scene.run.varied or {}
+    for name in {**values, **nominal}:
+        if name not in nominal:
+            rule = f"is not varied; varied: {', '.join(nominal) or 'nothing'}"
+            raise OptionError(rule, at="values", value=name, nearest=nearest(name, nominal))
         if name not in values:
             raise OptionError(f"lacks {name}, which is varied", at="values")
-    sizes = {name: len(v) if isinstance(v, list) else None for name, v in known.items()}
-    given = {
+    sizes = {name: len(v) if isinstance(v, list) else None for name, v in nominal.items()}
+    in_rows = {
         name: _rows(_in_si(scene.model, name, value), name, sizes[name])
         for name, value in values.items()
     }
-    count, changed = max(array.shape[0] if array.ndim else 0 for array in given.values()), {}
-    for name, array in given.items():
+    count, changed = max(array.shape[0] if array.ndim else 0 for array in in_rows.values()), {}
+    for name, array in in_rows.items():
         size = sizes[name]
         wanted = (count,) if size is None else (count, size)
         if array.shape != wanted or not count:
@@ -176,7 +176,7 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
         changed[name] = columns if size is None else tuple(columns)
     run = scene.run.model_copy(update={"first": 0, "members": count})
     # `open_varied` has checked the names: to list all that a solid has takes 1 ms
-    model = with_parameters(scene.model, changed, "varied", list(known))
+    model = with_parameters(scene.model, changed, "varied", list(nominal))
     return replace(scene, run=run, **model._asdict()), count
 
 

@@ -29,17 +29,17 @@ def read_cad_text(text: str, products: str | None, about: str | None, file: str)
     products : "positive" or "negative", the notation; None to find it in the text
     about : "centre" or "pivot", the origin: the point of a tensor, where the text does not say it
     """
-    for word, known, kind in ((products, NOTATIONS, "products"), (about, POINTS, "about")):
-        if word is not None and word not in known:
-            raise unknown("word", known, at=f"body.{kind}", value=word)
-    found = read_lines(text, file)
-    block = _chosen(found, about)
+    for word, allowed, kind in ((products, NOTATIONS, "products"), (about, POINTS, "about")):
+        if word is not None and word not in allowed:
+            raise unknown("word", allowed, at=f"body.{kind}", value=word)
+    numbers = read_lines(text, file)
+    block = _chosen(numbers, about)
     at_centre = about == "centre" if block.at_centre is None else block.at_centre
     printed, half = block.arrays(file)
-    notation, notes = _notation(found, block, at_centre, products)
+    notation, notes = _notation(numbers, block, at_centre, products)
     tensor = opposite_products(printed) if notation == "positive" else printed
-    mass, (centre, _) = found.masses[0].value, _centre(found)
-    if not found.centre:
+    mass, (centre, _) = numbers.masses[0].value, _centre(numbers)
+    if not numbers.centre:
         notes.append("the text has no centre of mass: the origin is taken")
     if not at_centre:
         tensor = inertia.about_centre(tensor, mass, centre)
@@ -50,67 +50,67 @@ def read_cad_text(text: str, products: str | None, about: str | None, file: str)
     return FoundBody(RigidPart(mass, centre, tensor), tuple(notes))
 
 
-def _chosen(found: CadNumbers, about: str | None) -> Block:
+def _chosen(numbers: CadNumbers, about: str | None) -> Block:
     """Return the tensor about the centre of mass, or else the one about the origin."""
     for wanted in (True, False, None):
-        same = [block for block in found.blocks if block.at_centre is wanted]
+        same = [block for block in numbers.blocks if block.at_centre is wanted]
         if len(same) > 1:
             rule = "has several tensors about the same point: keep one"
-            raise FileError(rule, at="Moments of inertia", file=found.file)
+            raise FileError(rule, at="Moments of inertia", file=numbers.file)
         if same and wanted is None and about is None:
             rule = (
                 'the text does not say about which point its tensor is: give "centre", the centre'
                 ' of mass, or "pivot", the origin'
             )
-            raise SceneError(rule, at="body.about", file=found.file)
+            raise SceneError(rule, at="body.about", file=numbers.file)
         if same:
             return same[0]
     raise AssertionError("read_lines refuses a text without tensor")
 
 
-def _centre(found: CadNumbers) -> tuple[Array, float]:
+def _centre(printed: CadNumbers) -> tuple[Array, float]:
     """Return the centre of mass (3,), the origin by default, and half of its last digit."""
-    numbers = [found.centre[k] for k in sorted(found.centre)]
+    numbers = [printed.centre[k] for k in sorted(printed.centre)]
     if not numbers:
         return np.zeros(3), 0.0
     return np.array([number.value for number in numbers]), max(number.half for number in numbers)
 
 
 def _notation(
-    found: CadNumbers, block: Block, at_centre: bool, products: str | None
+    numbers: CadNumbers, block: Block, at_centre: bool, products: str | None
 ) -> tuple[str, list[str]]:
     """Return the notation of the products of inertia, and notes.
 
     FileError if the text contradicts itself or `products`; SceneError if nothing decides.
     """
-    printed, _ = block.arrays(found.file)
+    printed, _ = block.arrays(numbers.file)
     if not (printed - np.diag(printed.diagonal())).any():
         return "negative", []
-    shown = _shown(found, block, at_centre)
-    if len(found.notations) > 1:
+    shown = _shown(numbers, block, at_centre)
+    if len(numbers.notations) > 1:
         rule = "names both positive and negative tensor notation"
-        raise FileError(rule, at="products of inertia", file=found.file)
-    words = next(iter(found.notations), None)
-    for given, who in ((products, "products asks for"), (words, "its words say")):
-        if given is not None and shown is not None and given != shown:
-            rule = f"{who} {given} notation, but its numbers fit {shown} notation alone"
-            raise FileError(rule, at="products of inertia", file=found.file)
+        raise FileError(rule, at="products of inertia", file=numbers.file)
+    words = next(iter(numbers.notations), None)
+    for stated, who in ((products, "products asks for"), (words, "its words say")):
+        if stated is not None and shown is not None and stated != shown:
+            rule = f"{who} {stated} notation, but its numbers fit {shown} notation alone"
+            raise FileError(rule, at="products of inertia", file=numbers.file)
     if None not in (products, words) and products != words and shown is None:
         rule = f"products asks for {products} notation, but its words say {words} notation"
-        raise FileError(rule, at="products of inertia", file=found.file)
+        raise FileError(rule, at="products of inertia", file=numbers.file)
     notation = products or shown or words
     if notation is None:
         rule = (
             'the products of inertia in the text read two ways: give "positive" if they are'
             ' +int x y dm, or "negative" if they are the elements of the tensor, -int x y dm'
         )
-        raise SceneError(rule, at="body.products", file=found.file)
+        raise SceneError(rule, at="body.products", file=numbers.file)
     why = "as asked" if products else "as its numbers show" if shown else "as its words say"
     sign = "+" if notation == "positive" else "-"
     return notation, [f"its {block.letter}xy is read as {sign}int x y dm, {why}"]
 
 
-def _shown(found: CadNumbers, block: Block, at_centre: bool) -> str | None:
+def _shown(numbers: CadNumbers, block: Block, at_centre: bool) -> str | None:
     """Return the notation that the numbers fit, None if they fit both; FileError if neither."""
     fits = [
         notation
@@ -118,49 +118,49 @@ def _shown(found: CadNumbers, block: Block, at_centre: bool) -> str | None:
         if all(
             misfit <= 1.0
             for misfit in (
-                *_of_axes(found, block, at_centre, notation),
-                *_of_shift(found, notation),
+                *_of_axes(numbers, block, at_centre, notation),
+                *_of_shift(numbers, notation),
             )
         )
     ]
     if not fits:
         rule = "its tensors, or its principal axes and moments, contradict each other"
-        raise FileError(rule, at="Moments of inertia", file=found.file)
+        raise FileError(rule, at="Moments of inertia", file=numbers.file)
     return fits[0] if len(fits) == 1 else None
 
 
-def _of_axes(found: CadNumbers, block: Block, at_centre: bool, notation: str) -> Iterator[float]:
+def _of_axes(numbers: CadNumbers, block: Block, at_centre: bool, notation: str) -> Iterator[float]:
     """Yield |I a - P a| over its bound by rounding, for each principal axis of the text."""
-    printed, halves = block.arrays(found.file)
+    printed, halves = block.arrays(numbers.file)
     tensor, half = _tensor(printed, notation), halves.max()
     if not at_centre:
-        shift, more = _shift(found)
+        shift, more = _shift(numbers)
         tensor, half = tensor - shift, half + more
-    for k in found.axes.keys() & found.moments.keys():
-        axis = np.array([number.value for number in found.axes[k]])
-        fine = max(number.half for number in found.axes[k])
-        moment = found.moments[k]
+    for k in numbers.axes.keys() & numbers.moments.keys():
+        axis = np.array([number.value for number in numbers.axes[k]])
+        fine = max(number.half for number in numbers.axes[k])
+        moment = numbers.moments[k]
         rounding = half + moment.half + fine * np.abs(tensor).max()
         misfit = np.abs(tensor @ axis - moment.value * axis).max()
         yield float(misfit / (_SLACK * rounding))
 
 
-def _of_shift(found: CadNumbers, notation: str) -> Iterator[float]:
+def _of_shift(numbers: CadNumbers, notation: str) -> Iterator[float]:
     """Yield the difference of the tensors about both points from m (c^2 1 - c c^T), over its bound
     by rounding."""
-    about = {one.at_centre: one.arrays(found.file) for one in found.blocks}
-    if not found.centre or not {True, False} <= about.keys():
+    about = {block.at_centre: block.arrays(numbers.file) for block in numbers.blocks}
+    if not numbers.centre or not {True, False} <= about.keys():
         return
-    (own, fine), (moved, coarse) = about[True], about[False]
-    shift, more = _shift(found)
-    difference = _tensor(moved, notation) - _tensor(own, notation) - shift
+    (at_centre, fine), (moved, coarse) = about[True], about[False]
+    shift, more = _shift(numbers)
+    difference = _tensor(moved, notation) - _tensor(at_centre, notation) - shift
     rounding = fine.max() + coarse.max() + more
     yield float(np.abs(difference).max() / (_SLACK * rounding))
 
 
-def _shift(found: CadNumbers) -> tuple[Array, float]:
+def _shift(numbers: CadNumbers) -> tuple[Array, float]:
     """Return m (c^2 1 - c c^T) of the text, and its bound by rounding."""
-    mass, (centre, half) = found.masses[0], _centre(found)
+    mass, (centre, half) = numbers.masses[0], _centre(numbers)
     size = float(np.abs(centre).max())
     more = 4.0 * mass.value * size * half + 2.0 * mass.half * size * size
     shift: Array = mass.value * inertia.shift(centre)

@@ -105,9 +105,9 @@ class CadNumbers:
         elif (point := _POINT.match(line)) is not None:
             self._read_point(*point.groups())
         elif elements := list(_ELEMENT.finditer(line)):
-            for one, after in zip(elements, [*elements[1:], None], strict=True):
-                tail = line[one.end() : after.start() if after else len(line)]
-                self._read_element(one, tail)
+            for element, after in zip(elements, [*elements[1:], None], strict=True):
+                tail = line[element.end() : after.start() if after else len(line)]
+                self._read_element(element, tail)
         elif _AXIS.search(line) or _MOMENT.search(line):
             self._read_principal(line)
         elif line.strip():
@@ -121,10 +121,10 @@ class CadNumbers:
             raise FileError("is given twice", at=f"Center of mass, {axis}", file=self.file)
         self.centre["XYZ".index(axis)] = Printed.of(number, unit)
 
-    def _read_element(self, found: "re.Match[str]", tail: str) -> None:
-        letter, row, column, number = found.groups()
+    def _read_element(self, match: "re.Match[str]", tail: str) -> None:
+        letter, row, column, number = match.groups()
         key, at_centre = ("xyz".index(row), "xyz".index(column)), _at_centre(self.heading)
-        same = [one for one in self.blocks if (one.letter, one.at_centre) == (letter, at_centre)]
+        same = [b for b in self.blocks if (b.letter, b.at_centre) == (letter, at_centre)]
         block = same[0] if same else Block(letter, at_centre, {})
         if not same:
             self.blocks.append(block)
@@ -144,10 +144,10 @@ class CadNumbers:
             unit = find_unit(tail if tail.strip() else self.heading, INERTIA, "Px", self.file)
             self.moments[k] = Printed.of(moment[2], unit)
 
-    def _new(self, letter: str, known: Container[int], name: str) -> int:
+    def _new(self, letter: str, read: Container[int], name: str) -> int:
         """Return the index of an axis; FileError if its number is known already."""
         k = "xyz".index(letter)
-        if k in known:
+        if k in read:
             raise FileError("is given twice", at=f"{name}{letter}", file=self.file)
         return k
 
@@ -155,21 +155,21 @@ class CadNumbers:
 def read_lines(text: str, file: str) -> CadNumbers:
     """Return the numbers of a text of mass properties; FileError for what is missing or reads two
     ways."""
-    found = CadNumbers(file)
+    numbers = CadNumbers(file)
     for line in text.splitlines():
-        found.read_line(line)
-    if len(found.masses) != 1 or not found.masses[0].value > 0.0:
+        numbers.read_line(line)
+    if len(numbers.masses) != 1 or not numbers.masses[0].value > 0.0:
         rule = (
             "expected one line such as 'Mass = 1.5 kilograms', in English and with its unit, not"
-            f" {len(found.masses)}"
+            f" {len(numbers.masses)}"
         )
         raise FileError(rule, at="Mass", file=file)
-    if len(found.centre) not in (0, 3):
+    if len(numbers.centre) not in (0, 3):
         raise FileError("expected X, Y and Z", at="Center of mass", file=file)
-    if not found.blocks:
+    if not numbers.blocks:
         rule = "has no tensor: expected Lxx = ... Lxy = ... below a heading with its unit"
         raise FileError(rule, at="text", file=file)
-    return found
+    return numbers
 
 
 def _at_centre(heading: str) -> bool | None:

@@ -37,18 +37,18 @@ def find_unit(text: str, kind: str, at: str, file: str) -> Unit:
     unit, an unknown unit, or a unit of another kind.
     """
     inside = re.findall(r"\(([^()]*)\)", text.replace("(Using", "").replace("(using", ""))
-    found = next((one for one in reversed(inside) if _words(one)), text)
-    words = _words(found)
+    unit = next((text for text in reversed(inside) if _words(text)), text)
+    words = _words(unit)
     masses = [MASSES[word] for word in words if word in MASSES]
     lengths = [LENGTHS[word] for word in words if word in LENGTHS]
     wanted = {MASS: (1, 0), LENGTH: (0, 1), INERTIA: (1, 1)}[kind]
-    squares = "square" in words or "2" in found or "²" in found
+    squares = "square" in words or "2" in unit or "²" in unit
     fits = (len(masses), len(lengths)) == wanted and squares == (kind == INERTIA)
-    known = set(words) <= {*MASSES, *LENGTHS, "square", "per"}
-    if not fits or not known or "per" in words:
+    are_known = set(words) <= {*MASSES, *LENGTHS, "square", "per"}
+    if not fits or not are_known or "per" in words:
         example = {MASS: "grams", LENGTH: "millimeters", INERTIA: "grams * square millimeters"}
         rule = f"expected a unit of {kind}, such as ( {example[kind]} )"
-        raise FileError(rule, at=at, value=found.strip(), file=file)
+        raise FileError(rule, at=at, value=unit.strip(), file=file)
     if kind == INERTIA:
         return masses[0] * lengths[0] ** 2
     return masses[0] if kind == MASS else lengths[0]

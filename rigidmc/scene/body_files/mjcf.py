@@ -59,27 +59,27 @@ def read_mjcf(root: Element, name: str | None, file: str) -> FoundBody:
     """
     angles = _compiler(root, file)
     for tag in ("include", "replicate", "attach"):
-        found = root.find(f".//{tag}")
-        if found is not None:
-            named = f" ({found.get('file')})" if found.get("file") else ""
+        element = root.find(f".//{tag}")
+        if element is not None:
+            named = f" ({element.get('file')})" if element.get("file") else ""
             rule = f"adds to the model{named}, and is not followed: give that file, or {_COMPILED}"
             raise FileError(rule, at=f"<{tag}>", file=file)
     bodies = _bodies(root, angles, file)
     if not bodies:
         raise FileError("has no <body>", at="worldbody", file=file)
-    joints = {k: Fixed("", one.parent, one.pose) for k, one in bodies.items() if not one.moves}
+    joints = {k: Fixed("", body.parent, body.pose) for k, body in bodies.items() if not body.moves}
     words = ("body", "bodies", "welded", "welded to it")
     none = (f"none of them has <inertial>: {_COMPILED}", "no mass")
     tree = Tree(*words, *none, True, list(bodies), joints, file)
-    heavy = (k for k, one in bodies.items() if one.element.find("inertial") is not None)
+    heavy = (k for k, body in bodies.items() if body.element.find("inertial") is not None)
     return tree.find(name, heavy, lambda k: _inertial(bodies[k].element, k, angles, file))
 
 
 def _compiler(root: Element, file: str) -> _Angles:
     """Return how angles are read; FileError for a setting that changes masses."""
     settings: dict[str, str] = {}
-    for one in root.findall("compiler"):
-        settings |= one.attrib
+    for element in root.findall("compiler"):
+        settings |= element.attrib
     for key, same in _CHANGES.items():
         if settings.get(key, same[0]) not in same:
             rule = f"changes the masses of the model: {_COMPILED}"
@@ -103,7 +103,7 @@ def _compiler(root: Element, file: str) -> _Angles:
 def _bodies(root: Element, angles: _Angles, file: str) -> dict[str, _Body]:
     """Return all bodies by name, parents first; FileError for a name used twice."""
     bodies = dict[str, _Body]()
-    waiting = [(one, "") for one in root.findall("worldbody")]
+    waiting = [(world, "") for world in root.findall("worldbody")]
     while waiting:
         element, parent = waiting.pop()
         for inner, frame in _through_frames(element, UNMOVED, angles, file):
@@ -111,7 +111,7 @@ def _bodies(root: Element, angles: _Angles, file: str) -> dict[str, _Body]:
             if name in bodies:
                 raise FileError("expected a name of its own", at="body", value=name, file=file)
             pose = frame.of(_pose(inner, f"body {name}", angles, file))
-            joints = any(one.tag in ("joint", "freejoint") for one in _inside(inner))
+            joints = any(part.tag in ("joint", "freejoint") for part in _inside(inner))
             moves = not parent or inner.get("mocap") == "true" or joints
             bodies[name] = _Body(inner, pose, parent, moves)
             waiting.append((inner, name))
@@ -122,22 +122,22 @@ def _through_frames(
     element: Element, pose: Pose, angles: _Angles, file: str
 ) -> Iterator[tuple[Element, Pose]]:
     """Yield (body, pose of the frame around it) of the bodies directly within an element."""
-    for one in element:
-        if one.tag == "body":
-            yield one, pose
-        elif one.tag == "frame":
+    for inner in element:
+        if inner.tag == "body":
+            yield inner, pose
+        elif inner.tag == "frame":
             yield from _through_frames(
-                one, pose.of(_pose(one, "frame", angles, file)), angles, file
+                inner, pose.of(_pose(inner, "frame", angles, file)), angles, file
             )
 
 
 def _inside(body: Element) -> Iterator[Element]:
     """Yield the elements directly within a body, also through frames."""
-    for one in body:
-        if one.tag == "frame":
-            yield from _inside(one)
+    for inner in body:
+        if inner.tag == "frame":
+            yield from _inside(inner)
         else:
-            yield one
+            yield inner
 
 
 def _pose(element: Element, at: str, angles: _Angles, file: str) -> Pose:
@@ -148,13 +148,13 @@ def _pose(element: Element, at: str, angles: _Angles, file: str) -> Pose:
 
 def _turn(element: Element, at: str, angles: _Angles, file: str) -> Array:
     """Return the matrix (3, 3) of an orientation; FileError for several, or without a direction."""
-    given = [key for key in _ORIENTATIONS if element.get(key) is not None]
-    if len(given) > 1:
+    keys = [key for key in _ORIENTATIONS if element.get(key) is not None]
+    if len(keys) > 1:
         rule = f"expected one of {', '.join(_ORIENTATIONS)}"
-        raise FileError(rule, at=f"{at}, {' and '.join(given)}", file=file)
-    if not given:
+        raise FileError(rule, at=f"{at}, {' and '.join(keys)}", file=file)
+    if not keys:
         return np.eye(3)
-    key = given[0]
+    key = keys[0]
     values = np.array(numbers_of(element, key, (_ORIENTATIONS[key],), at, file))
     if key == "euler":
         return _euler(values * angles.unit, angles.sequence)
@@ -201,8 +201,8 @@ def _euler(values: Array, sequence: str) -> Array:
     fixed axis for a capital."""
     turn = np.eye(3)
     for letter, angle in zip(sequence, values.tolist(), strict=True):
-        one = _about(np.eye(3)["xyz".index(letter.lower())], angle)
-        turn = turn @ one if letter.islower() else one @ turn
+        about_axis = _about(np.eye(3)["xyz".index(letter.lower())], angle)
+        turn = turn @ about_axis if letter.islower() else about_axis @ turn
     return turn
 
 
@@ -210,7 +210,7 @@ def _inertial(body: Element, name: str, angles: _Angles, file: str) -> RigidPart
     """Return the <inertial> of a body in its frame; None for a body without geoms and mass."""
     inertial, at = body.find("inertial"), f"body {name}, inertial"
     if inertial is None:
-        if any(one.tag == "geom" for one in _inside(body)):
+        if any(inner.tag == "geom" for inner in _inside(body)):
             rule = f"is missing, and MuJoCo computes it from the geoms: {_COMPILED}"
             raise FileError(rule, at=at, file=file)
         return None

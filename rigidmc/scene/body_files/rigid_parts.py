@@ -73,7 +73,7 @@ def lump(parts: Iterable[RigidPart]) -> RigidPart:
     mass = sum(part.mass for part in many)
     centre = sum((part.mass * part.centre for part in many), np.zeros(3)) / mass
     tensor = sum(
-        (inertia.about_point(one.tensor, one.mass, one.centre - centre) for one in many),
+        (inertia.about_point(part.tensor, part.mass, part.centre - centre) for part in many),
         np.zeros((3, 3)),
     )
     return RigidPart(mass, centre, tensor)
@@ -118,19 +118,19 @@ class Tree(NamedTuple):
         heavy : those with mass;  part_of : function that returns the part in its own frame
         """
         at, kind, heads = "body.link", self.kind, self._heads()
-        name = self._only(heads[one] for one in heavy) if name is None else name
+        name = self._only(heads[word] for word in heavy) if name is None else name
         if name not in self.names:
             rule = f"no such {kind}; known: {first_names(self.names)}"
             close = nearest(name, self.names)
             raise SceneError(rule, at=at, value=name, nearest=close, file=self.file)
         poses = self._attached(name)
-        order = [one for one in self.names if one in poses] if self.is_ordered else poses
-        parts = {one: part for one in order if (part := part_of(one)) is not None}
+        order = [word for word in self.names if word in poses] if self.is_ordered else poses
+        parts = {word: part for word in order if (part := part_of(word)) is not None}
         if not parts:
             rule = f"this {kind}, with all that is {self.fixed} to it, has {self.massless}"
             raise SceneError(rule, at=at, value=name, file=self.file)
         notes = list[str]()
-        if others := [one for one in parts if one != name]:
+        if others := [word for word in parts if word != name]:
             notes.append(f"{kind} {name}: includes {first_names(others)}, {self.how}")
         if name in self.joints:
             parent = self.joints[name].parent
@@ -138,7 +138,7 @@ class Tree(NamedTuple):
                 f"{kind} {name} is {self.fixed} to {parent}, which is left out:"
                 f' link = "{parent}" has both'
             )
-        placed = [part.placed(poses[one]) for one, part in parts.items()]
+        placed = [part.placed(poses[word]) for word, part in parts.items()]
         return FoundBody(lump(placed), (*notes, *impossible_notes(parts, kind)))
 
     def _heads(self) -> dict[str, str]:
@@ -160,10 +160,10 @@ class Tree(NamedTuple):
 
     def _only(self, heavy: Iterable[str]) -> str:
         """Return the one that has mass, itself or by what is fixed to it; SceneError."""
-        found = list(dict.fromkeys(heavy))
-        if len(found) == 1:
-            return found[0]
-        words = f"choose one of {first_names(found)}" if found else self.none
+        candidates = list(dict.fromkeys(heavy))
+        if len(candidates) == 1:
+            return candidates[0]
+        words = f"choose one of {first_names(candidates)}" if candidates else self.none
         rule = f"there are {len(self.names):,} {self.plural}: {words}"
         raise SceneError(rule, at="body.link", file=self.file)
 
@@ -173,9 +173,9 @@ class Tree(NamedTuple):
         for child, (_, parent, _) in self.joints.items():
             children.setdefault(parent, []).append(child)
         poses, waiting = {name: UNMOVED}, [name]
-        for one in waiting:  # grows meanwhile
-            for child in children.get(one, ()):
-                poses[child] = poses[one].of(self.joints[child].pose)
+        for parent in waiting:  # grows meanwhile
+            for child in children.get(parent, ()):
+                poses[child] = poses[parent].of(self.joints[child].pose)
                 waiting.append(child)
         return poses
 

@@ -31,14 +31,14 @@ def read_urdf(root: Element, link: str | None, file: str) -> FoundBody:
 
     link : its name; None if all links with mass are fixed to each other, or one alone has mass
     """
-    if any("xacro" in one.tag or "${" in str(one.attrib) for one in root.iter()):
+    if any("xacro" in x.tag or "${" in str(x.attrib) for x in root.iter()):
         rule = "is a template: make the URDF first, xacro FILE.xacro > FILE.urdf"
         raise FileError(rule, at="xacro", file=file)
     links = _named(root.findall("link"), "link", file)
     if not links:
         raise FileError("has no <link>", at="robot", file=file)
     joints = _fixed_joints(root, links, file)
-    parts = {name: _inertial(one, name, file) for name, one in links.items()}
+    parts = {name: _inertial(x, name, file) for name, x in links.items()}
     words = ("link", "links", "fixed", "by fixed joints")
     none = ("none of them has mass", "no <inertial> with mass")
     tree = Tree(*words, *none, False, list(links), joints, file)
@@ -60,11 +60,11 @@ def rpy(angles: tuple[float, ...]) -> Array:
 def _named(elements: list[Element], kind: str, file: str) -> dict[str, Element]:
     """Return {name: element}; FileError for a missing name or one used twice."""
     named: dict[str, Element] = {}
-    for one in elements:
-        name = one.get("name")
+    for x in elements:
+        name = x.get("name")
         if not name or name in named:
             raise FileError("expected a name of its own", at=kind, value=name, file=file)
-        named[name] = one
+        named[name] = x
     return named
 
 
@@ -110,10 +110,10 @@ def _fixed_joints(root: Element, links: dict[str, Element], file: str) -> dict[s
     for name, joint in _named(root.findall("joint"), "joint", file).items():
         ends = [joint.find(tag) for tag in ("parent", "child")]
         pair = [None if end is None else end.get("link") for end in ends]
-        for tag, one in zip(("parent", "child"), pair, strict=True):
-            if one not in links:
+        for tag, end in zip(("parent", "child"), pair, strict=True):
+            if end not in links:
                 rule = "is not a link of the file"
-                raise FileError(rule, at=f"joint {name}, {tag}", value=one, file=file)
+                raise FileError(rule, at=f"joint {name}, {tag}", value=end, file=file)
         if joint.get("type") == "fixed":
             parent, child = str(pair[0]), str(pair[1])
             if child in fixed:

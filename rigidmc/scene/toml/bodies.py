@@ -94,14 +94,14 @@ def _stated(body: Body, table: dict[str, Any], key: str) -> Stated | str:
     inertia = body.moments
     if key == "tensor":
         inertia = as_tuples(np.array(read_plain(table[key], BODY[key], f"body.{key}"), dtype=float))
-    given = inertia, body.mass if body.has_mass else None
+    numbers = inertia, body.mass if body.has_mass else None
     if table.get("about") != "centre":
         axes = body.axes if "principal_axes" in table else None
-        return Stated(*given, body.centre, axes=axes)
+        return Stated(*numbers, body.centre, axes=axes)
     centre = vector_in_si(
         read_measured(table.get("centre", ORIGIN), "body.centre", tuple), "m", "body.centre"
     )
-    return Stated(*given, vector(centre, "body.centre"), "centre", None, "centre")
+    return Stated(*numbers, vector(centre, "body.centre"), "centre", None, "centre")
 
 
 def _of_inertia(table: dict[str, Any], key: str, frame: str, stored: DataSources) -> Body:
@@ -176,5 +176,5 @@ def _shaped(table: dict[str, Any], key: str) -> Body:
             rule = f"the table of a {key} defines its mass and centre: {', '.join(keys)}"
             raise SceneError(rule, at=f"body.{extra}", value=table[extra])
     check_keys(table[key], keys, f"body.{key}", required=keys)
-    given = {k: read_plain(table[key][k], size_units(k), f"body.{key}.{k}") for k in keys}
-    return make(**given)
+    numbers = {k: read_plain(table[key][k], size_units(k), f"body.{key}.{k}") for k in keys}
+    return make(**numbers)

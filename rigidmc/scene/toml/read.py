@@ -83,8 +83,8 @@ def read_parts(
     code = folder if allow_code is True else allow_code
     columns = DataSources(stored, folder, code, stored is not None or is_run)
     for name in data:
-        for inside, known in (("effects", EFFECTS), ("observables", _observables_with_table())):
-            if name in known:
+        for inside, words in (("effects", EFFECTS), ("observables", _observables_with_table())):
+            if name in words:
                 raise SceneError(f"is not a table of a scene: write [{inside}.{name}]", at=name)
     tables = check_table(_File, data, "")
     return {
@@ -106,16 +106,16 @@ def _run(table: dict[str, Any], overridden: set[str], of_result: bool) -> Run:
     if of_result and settings.get("integrator", "auto") != "auto":
         # results of version 0.1 store the tolerance for which their integrator was chosen
         settings.pop("tolerance", None)
-    known = {k: v for k, v in settings.items() if k not in overridden}
-    run = check_table(Run, known, "run", table)
+    of_file = {k: v for k, v in settings.items() if k not in overridden}
+    run = check_table(Run, of_file, "run", table)
     return with_changes(run, {k: v for k, v in settings.items() if k in overridden})
 
 
 def _put(components: list[Any], dotted: str, value: Any) -> None:
     """Set the component named by the last word of a key, such as start.omega.3 or
     start.attitude.theta; SceneError."""
-    whole, _, word = dotted.rpartition(".")
-    angles = angle_names() if whole == "start.attitude" else ()
+    vector, _, word = dotted.rpartition(".")
+    angles = angle_names() if vector == "start.attitude" else ()
     if word in angles:
         word = str(angles.index(word) + 1)
     if not word.isdigit() or not 1 <= int(word) <= len(components):
@@ -140,11 +140,11 @@ def _value(text: Any) -> Any:
     Other Python values are returned unchanged."""
     tried = [text]
     if isinstance(text, str) and not {'"', "'"} & {*text}:
-        whole = re.sub(r"(?<![\w.])\.(?=\d)", "0.", text)
-        tried.append(re.sub(r"(?<=\d)\.(?!\d)(?=e|\W|$)", ".0", whole))
-    for one in tried:
+        with_zero = re.sub(r"(?<![\w.])\.(?=\d)", "0.", text)
+        tried.append(re.sub(r"(?<=\d)\.(?!\d)(?=e|\W|$)", ".0", with_zero))
+    for toml_text in tried:
         try:
-            return toml(f"value = {one}")["value"]
+            return toml(f"value = {toml_text}")["value"]
         except SceneError as error:
             if "not valid" not in error.rule:
                 raise
@@ -157,19 +157,19 @@ def _set(data: dict[str, Any], dotted: str, value: str) -> None:
     """Set data[a][b] = value for the key a.b, or a component for a.b.3; the value is TOML, or else
     a plain word."""
     *tables, key = dotted.split(".")
-    given = _value(value)
+    parsed = _value(value)
     for table in tables:
         if table == tables[-1] and key not in ("value", "unit"):
             data[table] = _with_own_units(data.get(table, {}))
         data = data.setdefault(table, {})
         if isinstance(data, list) and table == tables[-1]:
-            _put(data, dotted, given)
+            _put(data, dotted, parsed)
             return
         if isinstance(data, list):
             raise SceneError(_no_table_in(data, table, dotted), at=dotted, table="", value=value)
         if not isinstance(data, dict):
             raise SceneError(f"'{table}' is not a table", at=dotted, table="", value=value)
-    data[key] = given
+    data[key] = parsed
     if tables[-1:] == ["body"] and key in (*BODIES, "mass", "centre"):
         # the shape belongs to the original body, and so do the options of its file
         others = (*BODIES, *OF_FILE) if key in BODIES else ()
@@ -180,17 +180,17 @@ def _set(data: dict[str, Any], dotted: str, value: str) -> None:
 def _no_table_in(components: list[Any], name: str, dotted: str) -> str:
     """Return why a key below a component, such as start.omega.1.standard_deviation, cannot be set:
     the component of the list `name` is a number, or a distribution without keys."""
-    whole, _, rest = dotted.partition(f".{name}.")
+    above, _, rest = dotted.partition(f".{name}.")
     word = rest.split(".")[0]
-    place = f"{whole}.{name}.{word}"
+    place = f"{above}.{name}.{word}"
     if not word.isdigit() or not 1 <= int(word) <= len(components):
         return f"'{name}' is a list, not a table: its components are 1 to {len(components)}"
-    one = components[int(word) - 1]
-    if isinstance(one, dict):
+    part = components[int(word) - 1]
+    if isinstance(part, dict):
         return f"a component is set as a whole, as in {place}={{ normal = [0, 0.1] }}"
     return (
-        f"{place} is {one!r}, a number without a distribution: for a normal one with this mean and"
-        f" the deviation 0.1, set {place}={{ normal = [{one!r}, 0.1] }}"
+        f"{place} is {part!r}, a number without a distribution: for a normal one with this mean and"
+        f" the deviation 0.1, set {place}={{ normal = [{part!r}, 0.1] }}"
     )
 
 
@@ -211,12 +211,12 @@ def _start_value(key: str, value: Any, stored: DataSources) -> Any:
     if not is_start_table(key, value):
         return read_quantity(value, at, stored)
     if not has_convention(key, value):  # a distribution, or columns
-        other = {name: one for name, one in value.items() if name != "relative_to"}
-        own = {"relative_to": value["relative_to"]}
-        return {"value": read_quantity(other, at, stored), **own} if other else own
+        other = {name: part for name, part in value.items() if name != "relative_to"}
+        frame = {"relative_to": value["relative_to"]}
+        return {"value": read_quantity(other, at, stored), **frame} if other else frame
     return {
-        name: one if name in WORDS else read_quantity(one, f"{at}.{name}", stored)
-        for name, one in value.items()
+        name: part if name in WORDS else read_quantity(part, f"{at}.{name}", stored)
+        for name, part in value.items()
     }
 
 
@@ -264,13 +264,13 @@ def _built(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code
     required = [field for field in made._fields if field not in made._field_defaults]
     check_keys(table, (*made._fields, *more), f"{kind}.{name}", required)
     # compiled code needs tuples
-    given = {key: value for key, value in table.items() if key not in more}
+    fields = {key: value for key, value in table.items() if key not in more}
     if kind == "observables":
-        given = {
+        fields = {
             key: read_measured(value, f"{kind}.{name}.{key}", _tuple)
-            for key, value in given.items()
+            for key, value in fields.items()
         }
-    return made(**{key: _tuple(value) for key, value in given.items()})
+    return made(**{key: _tuple(value) for key, value in fields.items()})
 
 
 def _tuple(value: Any) -> Any:
@@ -282,9 +282,9 @@ def _each(tables: dict[str, Any], at: str) -> Iterator[tuple[str, Any]]:
     """Return pairs (name, table) of each [effects.spring] or [[effects.spring]]; SceneError for too
     many."""
     every = [
-        (name, one)
+        (name, single)
         for name, table in tables.items()
-        for one in (table if isinstance(table, list) else [table])
+        for single in (table if isinstance(table, list) else [table])
     ]
     if len(every) > MOST:
         rule = f"has more than {MOST} tables, the limit of a kernel"
@@ -296,20 +296,20 @@ def _kind(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code)
     """Return the class of a table [kind.NAME], by its name or from its Python file."""
     if name in shipped:
         return shipped[name]
-    one = {"effects": "effect", "observables": "observable with a table"}.get(kind, "integrator")
+    word = {"effects": "effect", "observables": "observable with a table"}.get(kind, "integrator")
     is_known = isinstance(code, tuple) and class_named(name, code) is not None
     if not isinstance(table, dict) or not ("module" in table or is_known):
-        error = unknown(one, shipped or INTEGRATORS, at=kind, key=name)
-        error.rule += f'; a custom {one.split()[0]} needs module = "file.py"'
+        error = unknown(word, shipped or INTEGRATORS, at=kind, key=name)
+        error.rule += f'; a custom {word.split()[0]} needs module = "file.py"'
         raise error
     at = f"{kind}.{name}"
-    found = load_user_class(name, table.get("module"), at, code)
-    if found is None:
+    loaded = load_user_class(name, table.get("module"), at, code)
+    if loaded is None:
         return make_stand_in(kind, name, table)
-    if not implements(found, "_fields"):
-        rule = f"{found.__name__} is not a NamedTuple, as an {one.split()[0]} must be"
-        raise PartError(rule, at=f"{at}.module", value=table["module"], source=source_of(found))
-    return found
+    if not implements(loaded, "_fields"):
+        rule = f"{loaded.__name__} is not a NamedTuple, as an {word.split()[0]} must be"
+        raise PartError(rule, at=f"{at}.module", value=table["module"], source=source_of(loaded))
+    return loaded
 
 
 ROWS = 10_000_000  # up to this many indices, a selection is expanded to all of them: 80 MB a column
@@ -344,9 +344,9 @@ def stored_rows(dataset: "xr.Dataset") -> Callable[[str], NDArray[Any] | None]:
                 f" {count - 1:,}: open the whole result"
             )
             raise FileError(rule, at="member")
-        whole = np.repeat(rows[..., :1], count, axis=-1)
-        whole[..., members] = rows
-        return whole
+        all_rows = np.repeat(rows[..., :1], count, axis=-1)
+        all_rows[..., members] = rows
+        return all_rows
 
     return stored
 
@@ -365,10 +365,10 @@ def _members(dataset: "xr.Dataset") -> NDArray[Any]:
 def refuse_twice(members: NDArray[Any]) -> None:
     """Raise FileError if a result has a member more than once, as a concatenation of results
     does."""
-    known, times = np.unique(members, return_counts=True)
+    indices, times = np.unique(members, return_counts=True)
     if (times > 1).any():
         rule = (
-            f"has member {known[times > 1][0]} more than once: this is a concatenation of several"
+            f"has member {indices[times > 1][0]} more than once: this is a concatenation of several"
             " runs; use the result of one run"
         )
         raise FileError(rule, at="member")

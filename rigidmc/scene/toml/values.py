@@ -171,10 +171,10 @@ def _truncated(value: dict[str, Any], at: str, stored: DataSources) -> Distribut
     """Return a truncated distribution; SceneError."""
     bounds, inner = value["between"], {k: v for k, v in value.items() if k != "between"}
     law: Any = read_quantity(inner, at, stored) if inner else None
-    known = isinstance(law, Distribution) or (
+    is_law = isinstance(law, Distribution) or (
         isinstance(law, Measured) and isinstance(law.value, Distribution)
     )
-    if not known or not isinstance(bounds, list) or len(bounds) != 2:
+    if not is_law or not isinstance(bounds, list) or len(bounds) != 2:
         rule = "expected one distribution with bounds, { normal = [1, 0.1], between = [0.5, 1.5] }"
         raise SceneError(rule, at=at, value=value)
     cut: Distribution | Measured = _named(at, value, law.between, *bounds)
@@ -197,17 +197,17 @@ def _mixture(value: dict[str, Any], at: str, stored: DataSources) -> Distributio
 
 def _no_such_law(name: str, value: Any, at: str) -> SceneError:
     """Return the error for an unknown distribution of this key."""
-    known, key = distributions_of(at), at.rpartition(".")[2]
+    allowed, key = distributions_of(at), at.rpartition(".")[2]
     elsewhere = next((kind.variables for kind in VECTOR_DISTRIBUTIONS if kind.name == name), None)
     rule = f"no distribution '{name}'"
     if elsewhere is not None:
         rule = f"'{name}' is a distribution of {' and '.join(elsewhere)}"
     rule += (
-        f"; distributions of {key}: {', '.join(known)}; of one number: normal, uniform and the"
+        f"; distributions of {key}: {', '.join(allowed)}; of one number: normal, uniform and the"
         ' continuous ones of scipy.stats; a custom distribution needs module = "file.py"'
     )
     return SceneError(
-        rule, at=at, value=value, nearest=nearest(name, [*known, "normal", "uniform"])
+        rule, at=at, value=value, nearest=nearest(name, [*allowed, "normal", "uniform"])
     )
 
 
@@ -288,8 +288,8 @@ def as_toml(value: Any, name: str, axis: int | None = None) -> Any:
         if type(value) in VECTOR_DISTRIBUTIONS:
             return {value.name: fields}
         return {word_of(type(value)): fields, **module_of(value)}
-    if (whole := whole_of(value)) is not None:
-        return as_toml(whole, name)
+    if (vector := whole_of(value)) is not None:
+        return as_toml(vector, name)
     if isinstance(value, tuple):
         return [as_toml(v, name, i + 1) for i, v in enumerate(value)]
     if isinstance(value, (Distribution, Grid)):

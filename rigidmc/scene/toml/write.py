@@ -35,13 +35,13 @@ def dumps(
     tables |= {"body": _body(model.body), "effects": _effects(model.effects)}
     if observables:
         pairs = [
-            (word_of_observable(one), {**(module_of(one) if is_own(one) else {}), **one._asdict()})
-            for one in observables
+            (word_of_observable(x), {**(module_of(x) if is_own(x) else {}), **x._asdict()})
+            for x in observables
         ]
         tables["observables"] = _grouped(pairs)
     if integrators:
         tables["integrators"] = {
-            word_of(type(one)): {**module_of(one), **one._asdict()} for one in integrators
+            word_of(type(part)): {**module_of(part), **part._asdict()} for part in integrators
         }
     tables |= {"start": _start(model.start), "run": _run(run)}
     return tomli_w.dumps(tables)

@@ -52,9 +52,9 @@ def check_effect_class(effect: Any) -> None:
     for name in names:
         for field in getattr(stated, name):
             if field not in kind._fields:
-                known = ", ".join(kind._fields) or "none"
-                known += hint_of(nearest(field, kind._fields))
-                rule = f"names '{field}', which is not a parameter; its parameters: {known}"
+                fields = ", ".join(kind._fields) or "none"
+                fields += hint_of(nearest(field, kind._fields))
+                rule = f"names '{field}', which is not a parameter; its parameters: {fields}"
                 raise PartError.of(kind, rule, "effects", name)
     for field, unit in stated.units.items():
         try:
@@ -67,7 +67,7 @@ def check_effect_class(effect: Any) -> None:
 def _not_an_effect(effect: Any, kind: type[Any]) -> SceneError:
     """Return the error about a value that is not an effect: what its class lacks."""
     fields = getattr(kind, "_fields", None)
-    acts = [one for one in _ACTS if implements(kind, one)]
+    acts = [verb for verb in _ACTS if implements(kind, verb)]
     methods = [x for x in vars(kind) if x[0] != "_" and x not in (fields or ())]
     close = [(word, right) for word in methods if (right := nearest(word, _ACTS))]
     if (acts or close) and fields is None:
@@ -80,8 +80,8 @@ def _not_an_effect(effect: Any, kind: type[Any]) -> SceneError:
             word, right = close[0]
             rule += f"; it has `{word}`: did you mean `{right}`?"
     else:
-        known = ", ".join(one.__name__ for one in EFFECTS.values())
-        rule = f"expected an effect with its parameters, one of {known}"
+        shipped = ", ".join(effect_class.__name__ for effect_class in EFFECTS.values())
+        rule = f"expected an effect with its parameters, one of {shipped}"
         return SceneError(rule, at="effects.effect", value=effect)
     return PartError.of(kind, rule, "effects")
 
@@ -151,7 +151,7 @@ def _values(state: State) -> dict[str, Any]:
 
 def _check_gradient(trial: Trial, state: State, step: float = 1e-5) -> None:
     """Check that the torque is minus the change of the energy as the body turns."""
-    given, slopes = np.array(trial.called(torque, _values(state))), []
+    torques, slopes = np.array(trial.called(torque, _values(state))), []
     for axis in np.eye(3):
         turned = (
             state._replace(q=multiply(state.q, exponential(tuple(sign * step * axis))))
@@ -159,16 +159,16 @@ def _check_gradient(trial: Trial, state: State, step: float = 1e-5) -> None:
         )
         ahead, behind = (trial.called(energy, _values(there)) for there in turned)
         slopes.append((ahead - behind) / (2.0 * step))
-    size = max(np.abs(given).max(), np.abs(slopes).max())
-    if not np.abs(given + slopes).max() > 1e-6 * size:
+    size = max(np.abs(torques).max(), np.abs(slopes).max())
+    if not np.abs(torques + slopes).max() > 1e-6 * size:
         return
-    opposite = np.abs(given - slopes).max() <= 1e-6 * size
+    opposite = np.abs(torques - slopes).max() <= 1e-6 * size
     hint = ", but its opposite" if opposite else ""
-    found, wanted = (", ".join(f"{x:.6g}" for x in v) for v in (given, [-s for s in slopes]))
+    shown, wanted = (", ".join(f"{x:.6g}" for x in v) for v in (torques, [-s for s in slopes]))
     at = ", ".join(f"{x:.4g}" for x in state.q)
     raise trial.complaint(
         "torque",
-        f"({found}) does not follow from its energy, which gives ({wanted}){hint}, "
+        f"({shown}) does not follow from its energy, which gives ({wanted}){hint}, "
         f"at the attitude {at}; it must be minus the change of energy as the body turns about "
         "its axes",
     )

@@ -91,22 +91,22 @@ def known_facts(value: Any, word: str) -> Integrator:
     return with_defaults(value)
 
 
-def check_user_integrator(one: Any, word: str) -> None:
+def check_user_integrator(integrator: Any, word: str) -> None:
     """Raise SceneError, with class, line and rule, for a custom integrator that no kernel can use,
     or that contradicts its properties."""
-    if not implements(one, "step"):  # a scheme makes its steps
+    if not implements(integrator, "step"):  # a scheme makes its steps
         return
-    trial = Trial(f"integrators.{word}", one)
+    trial = Trial(f"integrators.{word}", integrator)
     trial.read(interleaving, extra_state, precompute, to_stepping, step, from_stepping)
     some = list(states())
     for state in some:
         _step(trial, (), state, _STEP)
     _check_kept(trial, some)
-    if one.accepts == "any torque":
+    if integrator.accepts == "any torque":
         asked: list[int] = []
         _step(trial, (_Counted(asked),), some[0], _STEP)
-        if len(asked) != one.evaluations:
-            rule = f"is {one.evaluations}, but a step evaluates {len(asked)} torques"
+        if len(asked) != integrator.evaluations:
+            rule = f"is {integrator.evaluations}, but a step evaluates {len(asked)} torques"
             raise trial.complaint("evaluations", rule)
     _check_order(trial, some)
 
@@ -149,25 +149,25 @@ def _check_order(trial: Trial, some: list[State]) -> None:
 
 def _step(trial: Trial, effects: tuple[Any, ...], state: State, h: float) -> State:
     """Return the state after a step; SceneError unless it is a quaternion and a vector."""
-    one, substep, t = trial.part, (h, h, 0.0), state.t
+    integrator, substep, t = trial.part, (h, h, 0.0), state.t
     values: dict[str, Any] = {"body": _BODY, "effects": effects, "t": t, "h": h, "substep": substep}
-    q, l = state.q, state.l + tuple(extra_state(one))
-    q, l = to_stepping(one, _BODY, effects, t, (0.0, 0.0, 0.0), q, l)
-    values |= {"q": q, "l": l, "constants": precompute(one, _BODY, substep, l)}
-    found = trial.called(step, values)
-    pair = isinstance(found, tuple) and [len(x) for x in found if isinstance(x, tuple)]
+    q, l = state.q, state.l + tuple(extra_state(integrator))
+    q, l = to_stepping(integrator, _BODY, effects, t, (0.0, 0.0, 0.0), q, l)
+    values |= {"q": q, "l": l, "constants": precompute(integrator, _BODY, substep, l)}
+    after = trial.called(step, values)
+    pair = isinstance(after, tuple) and [len(x) for x in after if isinstance(x, tuple)]
     if pair != [len(q), len(l)]:
-        rule = f"returns {found!r}, expected (q, L): tuples of {len(q)} and {len(l)} numbers"
+        rule = f"returns {after!r}, expected (q, L): tuples of {len(q)} and {len(l)} numbers"
         raise trial.complaint("step", rule)
-    q, l = from_stepping(one, _BODY, effects, t + h, (0.0, 0.0, 0.0), *found)
+    q, l = from_stepping(integrator, _BODY, effects, t + h, (0.0, 0.0, 0.0), *after)
     if not np.isfinite(np.array(q + l[:3], dtype=float)).all():
-        raise trial.complaint("step", f"returns {found!r}, which is not finite")
+        raise trial.complaint("step", f"returns {after!r}, which is not finite")
     return State(t + h, q, l[:3])
 
 
-def _apart(one: State, other: State) -> float:
+def _apart(state: State, other: State) -> float:
     """Return the largest difference of two states."""
-    return float(np.abs(np.subtract(one.q + one.l, other.q + other.l)).max())
+    return float(np.abs(np.subtract(state.q + state.l, other.q + other.l)).max())
 
 
 def _is_real(value: Any) -> bool:

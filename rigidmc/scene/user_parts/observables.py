@@ -38,33 +38,33 @@ _START = 1.0, 1.0, 1.0, 1.0
 _MEMBERS = 3  # number of members in a trial of results
 
 
-def check_user_observable(one: Any, effects: tuple[Any, ...]) -> None:
+def check_user_observable(user: Any, effects: tuple[Any, ...]) -> None:
     """Raise SceneError, with class, line and rule, for a custom observable that no kernel can use.
     effects : effects of the scene, in the form of compiled code"""
-    if not is_own(one):
+    if not is_own(user):
         return
-    trial = Trial(f"observables.{word_of_observable(one)}", one)
+    trial = Trial(f"observables.{word_of_observable(user)}", user)
     trial.refuse_old(OLD_WORDS)
-    if isinstance(one, Observable):
-        _check_fact(trial, "units", isinstance(one.units, str), "a text such as 'rad s-1'")
-        _check_dims(trial, "dims", one.dims)
-        _check_recorded(trial._replace(part=as_floats(trial, one)), effects)
+    if isinstance(user, Observable):
+        _check_fact(trial, "units", isinstance(user.units, str), "a text such as 'rad s-1'")
+        _check_dims(trial, "dims", user.dims)
+        _check_recorded(trial._replace(part=as_floats(trial, user)), effects)
         return
-    _check_outputs(trial, one.outputs)
-    _check_event_times(trial, one.event_times, one.outputs)
-    if isinstance(one, Event):
+    _check_outputs(trial, user.outputs)
+    _check_event_times(trial, user.event_times, user.outputs)
+    if isinstance(user, Event):
         # compiled code depends on the moments only for shipped events
         compiled = trial.run("bind", np.ones((3, 1)), True, effects)
         _check_event(trial._replace(part=as_floats(trial, compiled)), effects)
-        found = trial.run("results", EventRecord(*[np.ones(_MEMBERS)] * len(EventRecord._fields)))
-    elif isinstance(one, Running):
-        whole = isinstance(one.state_size, int) and one.state_size > 0
-        _check_fact(trial, "state_size", whole, "an integer of 1 or more")
-        _check_running(trial._replace(part=as_floats(trial, one)), effects, one.state_size)
-        found = trial.run("results", np.ones((one.state_size, _MEMBERS)), np.ones(_MEMBERS))
+        made = trial.run("results", EventRecord(*[np.ones(_MEMBERS)] * len(EventRecord._fields)))
+    elif isinstance(user, Running):
+        is_count = isinstance(user.state_size, int) and user.state_size > 0
+        _check_fact(trial, "state_size", is_count, "an integer of 1 or more")
+        _check_running(trial._replace(part=as_floats(trial, user)), effects, user.state_size)
+        made = trial.run("results", np.ones((user.state_size, _MEMBERS)), np.ones(_MEMBERS))
     else:
         raise trial.complaint("outputs", "expected an observable, event or running observable")
-    _check_results(trial, one.outputs, found)
+    _check_results(trial, user.outputs, made)
 
 
 def as_floats(trial: Trial, part: Any) -> Any:
@@ -88,9 +88,9 @@ def _check_fact(trial: Trial, name: str, right: bool, expected: str) -> None:
 
 
 def _check_dims(trial: Trial, name: str, dims: Any) -> None:
-    known = isinstance(dims, tuple) and set(dims) <= DIMENSIONS.keys()
+    are_known = isinstance(dims, tuple) and set(dims) <= DIMENSIONS.keys()
     rule = f"has the dimensions {dims!r}, expected () or a tuple of {', '.join(DIMENSIONS)}"
-    if not known:
+    if not are_known:
         raise trial.complaint(name, rule)
 
 
@@ -127,9 +127,9 @@ def _check_event(trial: Trial, effects: Any) -> None:
     trial.read(level, armed, counts_at_start, is_terminal)
     for state in states():
         some = {"body": BODY, "effects": effects, **state._asdict()}
-        found = {"level": trial.number(level, some), "armed": True}
-        trial.number(armed, {**some, **found})
-        trial.number(counts_at_start, {**some, **found})
+        levels = {"level": trial.number(level, some), "armed": True}
+        trial.number(armed, {**some, **levels})
+        trial.number(counts_at_start, {**some, **levels})
     trial.numbers(is_terminal, {})
 
 
@@ -152,14 +152,14 @@ def _check_running(trial: Trial, effects: Any, size_of_state: int) -> None:
     trial.numbers(merged, same, size_of_state)
 
 
-def _check_results(trial: Trial, outputs: Mapping[str, Any], found: Any) -> None:
+def _check_results(trial: Trial, outputs: Mapping[str, Any], results: Any) -> None:
     """Check that the results match `outputs`, in its order, with one number per member."""
-    names: Iterable[str] = found if isinstance(found, Mapping) else ()
+    names: Iterable[str] = results if isinstance(results, Mapping) else ()
     if list(names) != list(outputs):
-        given = ", ".join(names) or type(found).__name__
-        raise trial.complaint("results", f"returns {given}, expected {', '.join(outputs)}")
+        names_found = ", ".join(names) or type(results).__name__
+        raise trial.complaint("results", f"returns {names_found}, expected {', '.join(outputs)}")
     for name, (_, _, dims) in outputs.items():
         shape = (*(len(DIMENSIONS[d].labels) for d in dims), _MEMBERS)
-        if np.shape(found[name]) != shape:
-            rule = f"returns {name} with shape {np.shape(found[name])}, expected {shape}"
+        if np.shape(results[name]) != shape:
+            rule = f"returns {name} with shape {np.shape(results[name])}, expected {shape}"
             raise trial.complaint("results", f"{rule} for {_MEMBERS} members")

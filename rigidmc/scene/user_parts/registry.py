@@ -42,8 +42,8 @@ def load_user_class(name: str, module: Any, at: str, code: Code) -> type[Any] | 
         for the class, which a placeholder without physics then replaces; or the classes themselves,
         of a result of this process
     """
-    if isinstance(code, tuple) and (found := class_named(name, code)):
-        return found
+    if isinstance(code, tuple) and (loaded := class_named(name, code)):
+        return loaded
     if not isinstance(module, str):
         raise SceneError("expected the name of a Python file", at=f"{at}.module", value=module)
     if code is None:
@@ -61,7 +61,7 @@ def remember_classes(parts: Iterable[Any]) -> str:
     """Keep the classes of the custom parts of a scene, and return the key by which a result of this
     process has them; "" if there are none."""
     classes = tuple(dict.fromkeys(map(type, parts)))
-    key = next((key for key, known in _made_here.items() if known == classes), uuid.uuid4().hex)
+    key = next((key for key, made in _made_here.items() if made == classes), uuid.uuid4().hex)
     if classes:
         _made_here[key] = classes
     return key if classes else ""
@@ -85,8 +85,8 @@ def make_stand_in(kind: str, name: str, table: dict[str, Any]) -> type[Any]:
     made.shapes = {key: len(value) for key, value in table.items() if isinstance(value, list)}
     for fact, value in {**_FACTS[kind], "stand_in": True}.items():
         setattr(made, fact, value)
-    whole: type[Any] = made
-    return whole
+    stand_in: type[Any] = made
+    return stand_in
 
 
 def make_distribution_stand_in(name: str, table: Any, at: str) -> type[VectorDistribution]:

@@ -67,8 +67,8 @@ def make_distribution(
     if kind is None:
         return None
     at, fields = f"{at}.{word}", kind.names()
-    whole = not isinstance(table, dict) or (table and not set(table) & set(fields))
-    if whole and len(fields) == 1:  # { sphere = 2.0 } instead of { sphere = { size = 2.0 } }
+    is_alone = not isinstance(table, dict) or (table and not set(table) & set(fields))
+    if is_alone and len(fields) == 1:  # { sphere = 2.0 } instead of { sphere = { size = 2.0 } }
         table = {fields[0]: table}
     if not isinstance(table, dict):
         rule = f"expected a table with the keys {', '.join(fields)}"

@@ -71,8 +71,8 @@ class Fisher(VectorDistribution):
     def sample(
         self, sampler: Source, name: str, first: int, count: int, facts: MemberFacts | None
     ) -> Array:
-        whole = (Distribution("uniform", (0.0, 1.0)),)
-        u = draw(whole, sampler, f"{name}.angle", first, count)[0]
+        laws = (Distribution("uniform", (0.0, 1.0)),)
+        u = draw(laws, sampler, f"{name}.angle", first, count)[0]
         half = 0.5 * np.interp(u, *_rotation_angles(self.kappa))
         axis = directions(sampler, name, first, count)
         rotation = np.stack([cosine(half), *(sine(half) * axis)], axis=-1)
@@ -118,8 +118,8 @@ class Pointing(VectorDistribution):
     def sample(
         self, sampler: Source, name: str, first: int, count: int, facts: MemberFacts | None
     ) -> Array:
-        whole = Distribution("uniform", (0.0, 2.0 * math.pi))
-        laws = (Distribution("uniform", (0.0, 1.0)), whole, whole)
+        turn = Distribution("uniform", (0.0, 2.0 * math.pi))
+        laws = (Distribution("uniform", (0.0, 1.0)), turn, turn)
         u, azimuth, psi = draw(laws, sampler, f"{name}.pointing", first, count)
         theta = 2.0 * arcsine(np.sqrt(np.clip(0.5 * _one_less_cosine(self.kappa, u), 0.0, 1.0)))
         x, y, z = self.direction

@@ -234,7 +234,7 @@ class UncertainInertia(TensorDistribution):
         normal = (Distribution("normal", (0.0, 1.0)),) * len(self.covariance)
         z = draw(normal, sampler, f"{name}.normal", first, count)
         middle, ways = _spread_of(self, mass, tuple(self.centre if turns else centre))
-        found = parameters_of(
+        drawn = parameters_of(
             np.stack(
                 [
                     at + sum(way[i] * deviate for way, deviate in zip(ways, z, strict=True))
@@ -243,8 +243,8 @@ class UncertainInertia(TensorDistribution):
             )
         )
         if turns:
-            found[:6], found[6:9] = about_centre(found[:6], found[6:9], found[9]), 0.0
-        return found
+            drawn[:6], drawn[6:9] = about_centre(drawn[:6], drawn[6:9], drawn[9]), 0.0
+        return drawn
 
 
 def about_centre(six: Any, centre: Any, mass: Any) -> tuple[Any, ...]:
@@ -266,14 +266,14 @@ def _spread_of(
     distribution: UncertainInertia, mass: Any, centre: tuple[Any, ...]
 ) -> tuple[Any, Any]:
     """Return `_spread`, with tangents if its arguments have any."""
-    given = distribution.mean, distribution.covariance, mass, centre
-    if not has_tangents(given):
+    arguments = distribution.mean, distribution.covariance, mass, centre
+    if not has_tangents(arguments):
         return _spread(distribution, mass, centre)
-    mean, covariance, *others = plain_numbers(given)
-    known = _spread(replace(distribution, mean=mean, covariance=covariance, centre=None), *others)
+    mean, covariance, *others = plain_numbers(arguments)
+    values = _spread(replace(distribution, mean=mean, covariance=covariance, centre=None), *others)
     # Python may sum its floats more exactly than NumPy its arrays
-    found: tuple[Any, Any] = with_values(_spread.__wrapped__(distribution, mass, centre), known)
-    return found
+    spread: tuple[Any, Any] = with_values(_spread.__wrapped__(distribution, mass, centre), values)
+    return spread
 
 
 @lru_cache(maxsize=8)

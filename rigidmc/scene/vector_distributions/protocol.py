@@ -213,8 +213,8 @@ def check_user_distribution(distribution: VectorDistribution, at: str) -> Vector
         return distribution
     if "__dataclass_fields__" not in vars(kind):
         raise wrong("", "expected a frozen dataclass: @dataclass(frozen=True) before its class")
-    own = {name for base in kind.__mro__ if base.__module__ != __name__ for name in vars(base)}
-    for old in (own - {*kind.names()}) & OLD_WORDS.keys():
+    of_user = {name for base in kind.__mro__ if base.__module__ != __name__ for name in vars(base)}
+    for old in (of_user - {*kind.names()}) & OLD_WORDS.keys():
         raise wrong(old, f"is now called {OLD_WORDS[old]}")
     of = getattr(kind, "variables", ())
     if not isinstance(of, tuple) or not of or not set(of) <= set(KEYS):
@@ -249,8 +249,8 @@ def _check_draws(distribution: VectorDistribution, key: str, wrong: Any) -> None
 
     drawn = draw(0, TRIED)
     if not isinstance(drawn, np.ndarray) or drawn.shape != (size, TRIED):
-        found = f"shape {drawn.shape}" if isinstance(drawn, np.ndarray) else type(drawn).__name__
-        raise wrong("sample", f"returns {found}, expected an array ({size}, {TRIED})")
+        what = f"shape {drawn.shape}" if isinstance(drawn, np.ndarray) else type(drawn).__name__
+        raise wrong("sample", f"returns {what}, expected an array ({size}, {TRIED})")
     if drawn.dtype.kind != "f" or not np.isfinite(drawn).all():
         raise wrong("sample", "returns numbers that are not finite floats")
     if size == 4 and np.abs((drawn**2).sum(0) - 1.0).max() > 1e-9:

@@ -118,18 +118,18 @@ def _columns_of(rows: Any, at: str) -> tuple[Array, ...]:
         _check_shape(tensors, at)
         columns = [0.5 * (tensors[:, i, j] + tensors[:, j, i]) for i, j in ELEMENTS]
     _check_tensors(tensors, at)
-    found = tuple(np.array(column) for column in columns)
-    for column in found:
+    frozen = tuple(np.array(column) for column in columns)
+    for column in frozen:
         column.flags.writeable = False
-    return found
+    return frozen
 
 
 def _tensors(columns: Sequence[Array]) -> Array:
     """Return tensors (n, 3, 3) from their elements xx, yy, zz, yz, zx, xy."""
-    whole = np.empty((np.size(columns[0]), 3, 3))
+    tensors = np.empty((np.size(columns[0]), 3, 3))
     for (i, j), column in zip(ELEMENTS, columns, strict=True):
-        whole[:, i, j] = whole[:, j, i] = column
-    return whole
+        tensors[:, i, j] = tensors[:, j, i] = column
+    return tensors
 
 
 def _check_shape(tensors: Array, at: str) -> None:

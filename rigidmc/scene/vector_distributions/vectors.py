@@ -187,14 +187,14 @@ class CorrelatedPart(Distribution):
 
     def of_words(self, words: Array, own: int) -> Array:
         mean, *row = self.parameters
-        found: Array = mean + sum(by * normal_quantile(words[j]) for j, by in enumerate(row))
-        return found
+        numbers: Array = mean + sum(by * normal_quantile(words[j]) for j, by in enumerate(row))
+        return numbers
 
     def ppf(self, u: Array) -> Array:
         """Return the quantiles of this component alone."""
         mean, *row = self.parameters
-        found: Array = mean + math.hypot(*row) * normal_quantile(u)
-        return found
+        quantiles: Array = mean + math.hypot(*row) * normal_quantile(u)
+        return quantiles
 
     def times(self, by: float) -> "CorrelatedPart":
         whole = self.whole
