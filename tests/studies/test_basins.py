@@ -91,7 +91,7 @@ def test_distances_are_compared_with_rounding():
     for width, many in ((1.0, 12), (1e-6, 12), (1e-9, 9), (1e-12, 4), (1e-16, 0)):
         start = rm.Start(omega=(0.0, 0.0, rm.uniform(1.0 - width, 1.0 + width)))
         scene = rm.Scene(PLANE.body, start=start).with_run(t_end=0.2, dt=0.1, points="neighbours")
-        told = is_resolved(scene)
+        told = is_resolved(scene.model, scene.run)
         assert told.sum() == many and told[:many].all()  # the nearest ones are left out
 
 

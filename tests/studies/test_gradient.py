@@ -18,7 +18,7 @@ from rigidmc.results.variables import member_derivatives, saved_variables, varia
 from rigidmc.statistics.intervals import probability
 from rigidmc.studies import load_study
 from rigidmc.studies.gradient.estimators import growth_of, of_mean, of_quantile, of_score
-from rigidmc.studies.gradient.scores import scores_of, scores_of_scene
+from rigidmc.studies.gradient.scores import scores_of, scores_of_model
 
 STUDY = load_study("gradient")
 MEAN, SD = 1.0, 0.1
@@ -88,7 +88,7 @@ def test_scores_of_a_scene_have_the_names_of_derivatives():
     full = np.diag([1.0, 2.0, 3.0]) + 0.5
     start = rm.Start(omega=rm.Correlated((1.0, 2.0, 3.0), full), attitude=(0.0, LAW, 0.0))
     scene = rm.Scene(rm.Body((1.0, 1.1, 2.0)), rm.Gravity(rm.normal(9.81, 0.1)), start)
-    found = scores_of_scene(scene)
+    found = scores_of_model(scene.model)
     assert "start.attitude.theta.mean" in found
     assert "effects.gravity.g.standard_deviation" in found
     drawn, score = found["start.omega.mean.2"]
@@ -324,7 +324,7 @@ def test_a_probability_by_the_temperatures_of_start_and_bath():
     half = 0.5 * (found.derivative_high - found.derivative_low).values
     assert (np.abs(found.derivative.values - true) < 2.0 * half).all()
     assert (half < 0.25 * true).all()
-    drawn, score = scores_of_scene(scene)[names[0]]
+    drawn, score = scores_of_model(scene.model)[names[0]]
     assert drawn[::5] == ("start.momentum.1", "body.moments.3")
     l = np.array([[0.5], [-1.0], [2.0]])
     of_start = stats.norm(scale=math.sqrt(MOMENT * kT)).logpdf(l).sum()
@@ -333,9 +333,9 @@ def test_a_probability_by_the_temperatures_of_start_and_bath():
     assert score(numbers)[0] == pytest.approx((hotter - of_start) / 1e-6, rel=1e-5)
     under = dataclasses.replace(start, attitude="ensemble")
     held = dataclasses.replace(scene, start=under, effects=(rm.Gravity(9.81), *scene.effects))
-    assert "drawn by rejection" in scores_of_scene(held)[names[0]][1]
+    assert "drawn by rejection" in scores_of_model(held.model)[names[0]][1]
     cold = dataclasses.replace(scene, start=rm.Start(momentum=rm.GibbsMomentum(0.0)))
-    assert scores_of_scene(cold)[names[0]][1] == "is 0: nothing is drawn"
+    assert scores_of_model(cold.model)[names[0]][1] == "is 0: nothing is drawn"
     result = rm.simulate(scene, **{**run, "members": 4}, save=("omega", "noise_score"))
     lacking = result.drop_vars("kT_score")
     with pytest.raises(OptionError, match="run it with --save noise_score"):

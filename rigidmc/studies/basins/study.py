@@ -48,8 +48,10 @@ from rigidmc.errors import OptionError
 from rigidmc.planning.initial import members_at_start, uncertain_numbers
 from rigidmc.results.labels import count_text
 from rigidmc.results.variables import variables_of
+from rigidmc.scene.model import Model
 from rigidmc.scene.sampling import DISTANCES, NeighbourFamilies
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.settings import Run
 from rigidmc.statistics.intervals import Interval, probability, resolution_of
 from rigidmc.statistics.measures import Measure, Variables, measure
 from rigidmc.studies.framework.members import (
@@ -108,7 +110,7 @@ class BasinOptions(Options):
 
 def scene_of_neighbours(scene: Scene, options: BasinOptions, settings: Mapping[str, Any]) -> Scene:
     """Return the scene with the members of the study; raises for a scene without basins."""
-    refuse_noise(scene)
+    refuse_noise(scene.effects)
     scene = drawn_families(scene, options.of, "neighbours", options.families)
     for text in options.of:
         _share_of(text, variables_of(scene))
@@ -174,15 +176,15 @@ def fitted_line(study: xr.Dataset) -> Array:
     return np.asarray(np.exp(line))
 
 
-def is_resolved(scene: Scene) -> NDArray[np.bool_]:
+def is_resolved(model: Model, run: Run) -> NDArray[np.bool_]:
     """Return for each of DISTANCES whether perturbed starts differ from their member by more than
     rounding, RESOLVED times the resolution of the scene, in 95 of 100 families.
 
     At an unresolved distance the end is meaningless: in float32 the nearest perturbed starts equal
     the start, and none would be uncertain.
     """
-    size, groups_of = NeighbourFamilies.size, len(uncertain_numbers(scene.model)[0])
-    _, start = members_at_start(scene.model, scene.run, 0, SAMPLE * groups_of * size)
+    size, groups_of = NeighbourFamilies.size, len(uncertain_numbers(model)[0])
+    _, start = members_at_start(model, run, 0, SAMPLE * groups_of * size)
     apart = np.zeros((SAMPLE * groups_of, size))
     for name, values in start.items():
         if name == "start_euler" or name.startswith("start_relative_"):  # others contain them
@@ -192,7 +194,7 @@ def is_resolved(scene: Scene) -> NDArray[np.bool_]:
         moved = np.sqrt(((families - families[..., :1]) ** 2).sum(axis=0))
         with np.errstate(invalid="ignore", divide="ignore"):
             apart = np.fmax(apart, np.nan_to_num(moved / length[:, None]))
-    return np.asarray((apart[:, 1:] > RESOLVED * resolution_of(scene.run)).mean(axis=0) > 0.95)
+    return np.asarray((apart[:, 1:] > RESOLVED * resolution_of(run)).mean(axis=0) > 0.95)
 
 
 def _share_of(text: str, variables: Variables, may_save_more: bool = True) -> Measure:
@@ -234,7 +236,7 @@ def reduce(batches: Batches, options: BasinOptions) -> xr.Dataset:
     there = np.isfinite(families).all(axis=1)
     uncertain = (families[there, 1:] != families[there, :1]).T
     _, sizes = np.unique(families[there, 0], return_counts=True)
-    resolved = is_resolved(batches.scene)
+    resolved = is_resolved(model, run)
     uncertain &= resolved[:, None]
     largest = 1.0 - float(((sizes / max(1, there.sum())) ** 2).sum())
     alpha, d = exponent(uncertain, largest, options.confidence), len(dimensions)

@@ -216,17 +216,17 @@ def drawn_families(scene: Scene, texts: Sequence[str], design: str, families: in
     return drawn
 
 
-def refuse_noise(scene: Scene) -> None:
+def refuse_noise(effects: Sequence[Any]) -> None:
     """Raise SceneError for random effects: noise separates any two motions."""
-    for label, effect in label_effects(scene.effects):
+    for label, effect in label_effects(effects):
         if is_random(effect):
             rule = "noise separates any two motions: this study requires a scene without noise"
             raise SceneError(rule, at=f"effects.{label}")
 
 
-def refuse_stops(scene: Scene) -> None:
+def refuse_stops(observables: Sequence[Any]) -> None:
     """Raise SceneError for an event that stops members: an exponent is of a motion that goes on."""
-    for label, event in label_observables(scene.observables):
+    for label, event in label_observables(observables):
         if getattr(event, "stop", False):
             rule = "stops members, but exponents are of a motion that goes on: remove it"
             raise SceneError(rule, at=f"observables.{label}.stop", value=True)

@@ -127,7 +127,7 @@ def uncertain_parameters(start: Start) -> tuple[str, ...]:
 
 def check_result(scene: Scene, result: xr.Dataset, options: FtleOptions) -> None:
     """Raise OptionError for a result without the derivatives at start and end by its starts."""
-    refuse_stops(scene)
+    refuse_stops(scene.observables)
     lacking = [f"d_{name}" for name in STATE if "time" not in result.get(f"d_{name}", result).dims]
     if lacking or result.sizes["time"] < 2 or not _parameters(result):
         rule = (

@@ -11,9 +11,10 @@ from rigidmc.scene.derivatives import (
     parameter_names_of_derivatives,
     parameters_of_run,
 )
+from rigidmc.scene.model import Model
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.measures import Measure, Variables, measure
-from rigidmc.studies.gradient.scores import scores_of_noise, scores_of_scene, why_no_noise_score
+from rigidmc.studies.gradient.scores import scores_of_model, scores_of_noise, why_no_noise_score
 
 ENDS = "_final", "_last"  # of names of observables at the end
 
@@ -42,7 +43,7 @@ class Question(NamedTuple):
     """The measures of a gradient, the parameters, vectors by component, and the estimator of each
     measure by each parameter: "path" or "score"."""
 
-    scene: Scene
+    model: Model
     asked: list[Asked]
     names: tuple[str, ...]
     ways: list[list[str]]
@@ -58,13 +59,13 @@ class Question(NamedTuple):
         variables, may_save_more : as in `rigidmc.results.measures.measure`
         """
         asked = [Asked.of(text, variables, scene, may_save_more) for text in texts]
-        scores, names = scores_of_scene(scene), dict[str, None]()
+        scores, names = scores_of_model(scene.model), dict[str, None]()
         for name in wrt:
             of_run = (name,) if name in scores else parameters_of_run(scene.model, (name,))
             names |= dict.fromkeys(of_run)
         able = set(parameter_names_of_derivatives(scene.model))
-        ways = [[_way(scene, one, name, method, able) for name in names] for one in asked]
-        return Question(scene, asked, tuple(names), ways)
+        ways = [[_way(scene.model, x, name, method, able) for name in names] for x in asked]
+        return Question(scene.model, asked, tuple(names), ways)
 
     def by(self, way: str) -> tuple[str, ...]:
         """Return the parameters by which an estimator differentiates."""
@@ -73,7 +74,7 @@ class Question(NamedTuple):
 
     def by_noise(self) -> list[str]:
         """Return the parameters of noise by which a likelihood ratio differentiates."""
-        return [name for name in self.by("score") if name in scores_of_noise(self.scene)]
+        return [name for name in self.by("score") if name in scores_of_noise(self.model.effects)]
 
     def refuse_lacking(self, part: xr.Dataset) -> None:
         """Raise OptionError for derivatives or scores of noise that a stored result lacks."""
@@ -85,12 +86,12 @@ class Question(NamedTuple):
                     rule = f"the result has no derivatives of {observable} by {name}"
                     raise OptionError(f"{rule}: run it with --wrt {name}", at="wrt", value=name)
         for name in self.by_noise():
-            if scores_of_noise(self.scene)[name] not in part:
+            if scores_of_noise(self.model.effects)[name] not in part:
                 rule = "the result has no score of its noise: run it with --save noise_score"
                 raise OptionError(rule, at="wrt", value=name)
 
 
-def _way(scene: Scene, asked: Asked, name: str, method: str, able: set[str]) -> str:
+def _way(model: Model, asked: Asked, name: str, method: str, able: set[str]) -> str:
     """Return the estimator of a measure by a parameter; OptionError if there is none.
 
     able : parameters by which members have derivatives
@@ -100,7 +101,7 @@ def _way(scene: Scene, asked: Asked, name: str, method: str, able: set[str]) -> 
         no_path = f"{name} has no derivative at fixed random numbers"
     if not no_path and method != "score":
         return "path"
-    no_score = why_no_score(scene, asked.measure, name)
+    no_score = why_no_score(model, asked.measure, name)
     if not no_score and method != "path":
         return "score"
     reasons = {"path": (no_path,), "score": (no_score,), "auto": (no_path, no_score)}[method]
@@ -125,16 +126,16 @@ def why_no_path(asked: Asked) -> str:
     return ""
 
 
-def why_no_score(scene: Scene, asked: Measure, name: str) -> str:
+def why_no_score(model: Model, asked: Measure, name: str) -> str:
     """Return the reason why a measure has no likelihood ratio by a parameter; "" if it has."""
     if asked.kind not in ("p", "mean"):
         return "the likelihood ratio requires a mean or p(NAME >= NUMBER)"
-    scores = scores_of_scene(scene)
+    scores = scores_of_model(model)
     if name in scores:
         score = scores[name][1]
         return f"{name} {score}" if isinstance(score, str) else ""
-    no_noise = why_no_noise_score(scene, name)
-    if name in scores_of_noise(scene):
+    no_noise = why_no_noise_score(model.effects, name)
+    if name in scores_of_noise(model.effects):
         return no_noise
     able = [key for key, (_, score) in scores.items() if not isinstance(score, str)]
     way = nearest(name, able) or next((k for k in able if k.startswith(f"{name}.")), "")

@@ -11,7 +11,7 @@ The noise of a bath has a density, too: its score is a sum over the steps, see
 Source: Glynn, Commun. ACM 33 (1990) 75; Rubinstein, Oper. Res. 37 (1989) 72.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, cast
@@ -27,8 +27,8 @@ from rigidmc.physics.effects.protocol import depends_on_momentum, is_random
 from rigidmc.physics.observables import NoiseScore
 from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.scene.distributions import Distribution, Mixture, Truncated
+from rigidmc.scene.model import Model
 from rigidmc.scene.parameters import value_at
-from rigidmc.scene.scene import Scene
 from rigidmc.scene.vector_distributions.ensembles import GibbsMomentum
 from rigidmc.scene.vector_distributions.vectors import Correlated, CorrelatedPart
 
@@ -38,84 +38,83 @@ Refusal = str
 MOVES = "moves an end of the support, where the density jumps"
 
 
-def scores_of_scene(scene: Scene) -> dict[str, tuple[tuple[str, ...], Score | Refusal]]:
+def scores_of_model(model: Model) -> dict[str, tuple[tuple[str, ...], Score | Refusal]]:
     """Return {parameter: (names of the drawn numbers, its score or the reason why there is none)}.
 
     Derivatives have the same names, such as start.omega.1.mean. The score is a function of the
     drawn numbers: (n,), or (3, n) of the three components of a `Correlated` vector, or (6, n) of
     a momentum in equilibrium and the moments.
     """
-    found: dict[str, tuple[tuple[str, ...], Score | Refusal]] = {}
-    model = scene.model
+    scores: dict[str, tuple[tuple[str, ...], Score | Refusal]] = {}
+    probed = model
     if model.start.attitude == "ensemble":  # its rejection cannot be probed, and has no score
-        model = model._replace(start=replace(model.start, attitude="uniform"))
-    for name in uncertain_numbers(model)[0]:
+        probed = model._replace(start=replace(model.start, attitude="uniform"))
+    for name in uncertain_numbers(probed)[0]:
         if name.startswith("body.tensor"):
             continue  # drawn as a matrix
-        value = value_at(scene.model, name)
+        value = value_at(model, name)
         if isinstance(value, Correlated):
             parts = tuple(f"{name}.{i}" for i in (1, 2, 3))
             for i in range(3):
-                score = partial(_of_mean, value, i)
-                found[f"{name}.mean.{i + 1}"] = parts, score
+                scores[f"{name}.mean.{i + 1}"] = parts, partial(_of_mean, value, i)
         elif isinstance(value, Distribution) and not isinstance(value, CorrelatedPart):
-            found |= {f"{name}.{key}": ((name,), one) for key, one in scores_of(value).items()}
-    return {**found, **_of_equilibrium(scene)}
+            scores |= {f"{name}.{key}": ((name,), score) for key, score in scores_of(value).items()}
+    return {**scores, **_of_equilibrium(model)}
 
 
-def _of_equilibrium(scene: Scene) -> dict[str, tuple[tuple[str, ...], Score | Refusal]]:
+def _of_equilibrium(model: Model) -> dict[str, tuple[tuple[str, ...], Score | Refusal]]:
     """Return the score of the temperature of a momentum in equilibrium, which is normal with
     variances I_i kT."""
-    start, name = scene.start, "start.momentum.kT"
+    start, name = model.start, "start.momentum.kT"
     if not isinstance(start.momentum, GibbsMomentum) or not isinstance(start.momentum.kT, float):
         return {}
+    kT = start.momentum.kT
     parts = tuple(f"{word}.{i}" for word in ("start.momentum", "body.moments") for i in (1, 2, 3))
-    score: Score | Refusal = partial(_of_gibbs, start.momentum.kT)
-    if start.momentum.kT == 0.0:
+    score: Score | Refusal = partial(_of_gibbs, kT)
+    if kT == 0.0:
         score = "is 0: nothing is drawn"
-    if scene.body.is_turned:
+    if model.body.is_turned:
         score = "has a score only for a body with moments in place of a tensor"
-    if start.attitude == "ensemble" and any(implements(e, "energy") for e in scene.effects):
+    if start.attitude == "ensemble" and any(implements(e, "energy") for e in model.effects):
         score = "also changes the attitudes of the ensemble, which are drawn by rejection"
     return {name: (parts, score)}
 
 
 def _of_gibbs(kT: float, x: Array) -> Array:
-    score: Array = ((x[:3] ** 2 / (x[3:] * kT)).sum(0) - 3.0) / (2.0 * kT)
-    return score
+    return np.asarray(((x[:3] ** 2 / (x[3:] * kT)).sum(0) - 3.0) / (2.0 * kT))
 
 
-def scores_of_noise(scene: Scene) -> dict[str, str]:
+def scores_of_noise(effects: Sequence[Any]) -> dict[str, str]:
     """Return {parameter of a bath: variable of a result with its score}."""
     return {
         f"effects.{label}.{name.removesuffix('_score')}": name
-        for label, effect in label_effects(scene.effects)
+        for label, effect in label_effects(effects)
         if isinstance(effect, Bath)
         for name in cast(Any, NoiseScore).outputs
     }
 
 
-def why_no_noise_score(scene: Scene, name: str) -> str:
-    """Return the reason why the noise of a scene has no score by a parameter; "" if it has, or if
+def why_no_noise_score(effects: Sequence[Any], name: str) -> str:
+    """Return the reason why the noise of effects has no score by a parameter; "" if it has, or if
     there is no noise.
 
     The noise of a step is a change of L at a fixed attitude. A torque, a moment or a start also
     changes the attitude before the next noise: motions with two of its values never meet, and have
     no ratio of densities.
     """
-    effects = label_effects(scene.effects)
-    if not any(is_random(effect) for _, effect in effects):
+    if not any(map(is_random, effects)):
         return ""
-    baths = [(label, effect) for label, effect in effects if isinstance(effect, Bath)]
+    labelled = label_effects(effects)
+    baths = [(label, effect) for label, effect in labelled if isinstance(effect, Bath)]
     if not baths:
         return "only the noise of a bath has a score"
     label, bath = baths[0]
-    if name in scores_of_noise(scene):
+    if name in scores_of_noise(effects):
         zero = [word for word in ("gamma", "kT") if np.any(getattr(bath, word) == 0.0)]
         return f"there is no noise at {zero[0]} = 0" if zero else ""
     of_noise = f"the noise has a score by effects.{label}.gamma and effects.{label}.kT alone"
     table, word = name.split(".")[:2]
-    acting = dict(effects).get(word) if table == "effects" else None
+    acting = dict(labelled).get(word) if table == "effects" else None
     if acting is not None and depends_on_momentum(acting):
         return of_noise
     return f"{of_noise}: it acts on L, and {name} also moves the attitude in a step"
@@ -123,8 +122,7 @@ def why_no_noise_score(scene: Scene, name: str) -> str:
 
 def _of_mean(law: Correlated, i: int, x: Array) -> Array:
     away = x - np.asarray(law.mean, float)[:, None]
-    score: Array = np.linalg.solve(np.asarray(law.covariance, float), away)[i]
-    return score
+    return np.asarray(np.linalg.solve(np.asarray(law.covariance, float), away)[i])
 
 
 def scores_of(law: Distribution) -> dict[str, Score | Refusal]:
@@ -138,17 +136,15 @@ def scores_of(law: Distribution) -> dict[str, Score | Refusal]:
         return {"mean": _standard(law, _slope), "standard_deviation": _standard(law, _of_width)}
     if law.name == "uniform":
         return {"low": MOVES, "high": MOVES}
-    known = {"loc": 0.0, "scale": 1.0} | dict(law.parameters)
-    found: dict[str, Score | Refusal] = dict.fromkeys(
-        known, f"has no score here: {law.name} is not among {', '.join(sorted(_FAMILIES))}"
-    )
-    family = _FAMILIES.get(law.name)
-    if family is not None:
-        loc, scale = known.pop("loc"), known.pop("scale")
-        for key, (score, is_scaled) in family(**known).items():
-            found[key] = partial(_at, score, loc, scale, scale if is_scaled else 1.0)
-        found["loc"] = found["loc"] if callable(found["loc"]) else MOVES
-    return found
+    shapes = {"loc": 0.0, "scale": 1.0} | dict(law.parameters)
+    if law.name not in _FAMILIES:
+        why = f"has no score here: {law.name} is not among {', '.join(sorted(_FAMILIES))}"
+        return dict.fromkeys(shapes, why)
+    scores: dict[str, Score | Refusal] = {"loc": MOVES}
+    loc, scale = shapes.pop("loc"), shapes.pop("scale")
+    for key, (score, is_scaled) in _FAMILIES[law.name](**shapes).items():
+        scores[key] = partial(_at, score, loc, scale, scale if is_scaled else 1.0)
+    return scores
 
 
 def _at(score: Score, loc: float, scale: float, by: float, x: Array) -> Array:
@@ -193,56 +189,45 @@ _FAMILIES: dict[str, Callable[..., dict[str, tuple[Score, bool]]]] = {
 
 def _of_truncated(law: Truncated) -> dict[str, Score | Refusal]:
     """The density f/(F(b) - F(a)) has the score of f less its mean between the bounds."""
-    inner = law.parameters[0]
-    found: dict[str, Score | Refusal] = {"between.1": MOVES, "between.2": MOVES}
-    for key, score in scores_of(inner).items():
-        found[key] = score if isinstance(score, str) else partial(_centred, score, law)
-    return found
-
-
-def _centred(score: Score, law: Truncated, x: Array) -> Array:
     inner, low, high = law.parameters
-    expect = inner.frozen().expect
-    middle = expect(lambda at: float(score(np.array(at))), lb=low, ub=high, conditional=True)
-    return score(x) - float(middle)
+
+    def centred(score: Score, x: Array) -> Array:
+        expect = inner.frozen().expect
+        middle = expect(lambda at: float(score(np.array(at))), lb=low, ub=high, conditional=True)
+        return score(x) - float(middle)
+
+    of_inner = scores_of(inner).items()
+    scores = {k: x if isinstance(x, str) else partial(centred, x) for k, x in of_inner}
+    return {"between.1": MOVES, "between.2": MOVES, **scores}
 
 
 def _of_mixture(law: Mixture) -> dict[str, Score | Refusal]:
     """Of the density sum_k w_k f_k/sum_k w_k, by weights and by parameters of the components."""
-    parts = [part for _, part in law.parameters]
-    whole = sum(weight for weight, _ in law.parameters)
-    found: dict[str, Score | Refusal] = {}
-    for i, part in enumerate(parts):
-        found[f"{i + 1}.weight"] = partial(_of_weight, law, i, float(whole))
-        for key, score in scores_of(part).items():
-            if not isinstance(score, str):
-                score = partial(_of_component, law, i, score)
-            found[f"{i + 1}.{key}"] = score
-    return found
+    total = float(sum(weight for weight, _ in law.parameters))
 
+    def densities(x: Array) -> Array:
+        return np.stack([_density(part, x) for _, part in law.parameters])
 
-def _densities(law: Mixture, x: Array) -> Array:
-    """Return the densities of the components (k, n)."""
-    return np.stack([_density(part, x) for _, part in law.parameters])
+    def of_weight(i: int, x: Array) -> Array:
+        f = densities(x)
+        return np.asarray((f[i] / (law.shares() @ f) - 1.0) / total)
+
+    def of_component(i: int, score: Score, x: Array) -> Array:
+        f = densities(x)
+        share = law.shares()[i] * f[i] / (law.shares() @ f)
+        return np.where(share > 0.0, share * score(x), 0.0)
+
+    scores: dict[str, Score | Refusal] = {}
+    for i, (_, part) in enumerate(law.parameters):
+        scores[f"{i + 1}.weight"] = partial(of_weight, i)
+        for key, x in scores_of(part).items():
+            scores[f"{i + 1}.{key}"] = x if isinstance(x, str) else partial(of_component, i, x)
+    return scores
 
 
 def _density(law: Distribution, x: Array) -> Array:
     if isinstance(law, Truncated):
         inner, low, high = law.parameters
         inside = (x >= low) & (x <= high)
-        found: Array = np.where(inside, inner.frozen().pdf(x) / law.acceptance(), 0.0)
-        return found
+        return np.where(inside, inner.frozen().pdf(x) / law.acceptance(), 0.0)
     return np.asarray(law.frozen().pdf(x))
-
-
-def _of_weight(law: Mixture, i: int, whole: float, x: Array) -> Array:
-    densities = _densities(law, x)
-    score: Array = (densities[i] / (law.shares() @ densities) - 1.0) / whole
-    return score
-
-
-def _of_component(law: Mixture, i: int, score: Score, x: Array) -> Array:
-    densities = _densities(law, x)
-    share = law.shares()[i] * densities[i] / (law.shares() @ densities)
-    found: Array = np.where(share > 0.0, share * score(x), 0.0)
-    return found

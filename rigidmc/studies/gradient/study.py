@@ -84,7 +84,7 @@ from rigidmc.studies.gradient.estimators import (
     terms_of,
 )
 from rigidmc.studies.gradient.question import ENDS, Asked, Question
-from rigidmc.studies.gradient.scores import scores_of_noise, scores_of_scene
+from rigidmc.studies.gradient.scores import scores_of_model, scores_of_noise
 
 Array = NDArray[np.float64]
 METHODS = "auto", "path", "score"
@@ -198,7 +198,7 @@ def _numbers(part: xr.Dataset, question: Question) -> Numbers:
             found = part[derivative_name(asked.observable)]
             found = found.sel(parameter=[names[j] for j in by_path])
             tangents[:, i, by_path] = _tangents(asked, found.where(is_good), part.time.values)
-    by_noise, scores = scores_of_noise(question.scene), scores_of_scene(question.scene)
+    by_noise, scores = scores_of_noise(question.model.effects), scores_of_model(question.model)
     of_members = np.zeros((len(names), count))
     for name in question.by("score"):
         j = names.index(name)

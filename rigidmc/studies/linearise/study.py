@@ -144,7 +144,7 @@ def linearise_scene(
     scene: Scene, options: LineariseOptions, threads: int | None, progress: Any
 ) -> xr.Dataset:
     """Compute the study of a scene and return its Dataset."""
-    refuse_noise(scene)
+    refuse_noise(scene.effects)
     if options.along is not None:
         tell = progress if callable(progress) else lambda line: say(f"  {line}")
         return _along(scene, options.along, options, tell if progress else lambda line: None)

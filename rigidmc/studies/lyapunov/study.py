@@ -121,7 +121,7 @@ def start(
     scene: Scene, options: LyapunovOptions, settings: Mapping[str, Any]
 ) -> tuple[Scene, dict[str, Any]]:
     """Return (the scene of the members, saved at each orthonormalisation; the request)."""
-    refuse_stops(scene)
+    refuse_stops(scene.observables)
     run = prepare_scene(scene.with_run(save=STATE, keep="full", every=scene.run.t_end))
     if isinstance(settings.get("every"), tuple):
         rule = "exponents are saved at even times: give the time between saves"

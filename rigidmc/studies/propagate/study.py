@@ -148,7 +148,7 @@ class Input(NamedTuple):
 
 def input_of(scene: Scene, options: PropagateOptions) -> Input:
     """Return what is propagated; SceneError, OptionError."""
-    refuse_noise(scene)
+    refuse_noise(scene.effects)
     scene = scene.with_run(save=options.of, keep="full", members=options.members, first=0)
     covariance, deviations, nominal = options.covariance, options.deviations, at_means(scene)
     if covariance is None and deviations is None:
