@@ -286,7 +286,7 @@ def euler_angles(
         axes.plot(t, np.degrees(angle), style, color=color, linewidth=1.8, label=label)
     if gaps.any():
         place = axes.get_xaxis_transform()
-        words = "φ, ψ undefined: axis 3 is vertical"
+        words = "φ, ψ left out: axis 3 is near the vertical"
         axes.fill_between(
             t, 0.0, 1.0, where=gaps, label=words, color="0.9", lw=0, zorder=0, transform=place
         )

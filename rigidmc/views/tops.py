@@ -22,6 +22,7 @@ from rigidmc.results.labels import axis_label, with_units
 from rigidmc.views.attitudes import euler_of, saved_attitude
 from rigidmc.views.caps import cap_points, draw_cap, draw_on_cap, narrow_cap
 from rigidmc.views.closed_forms import (
+    Floats,
     draw_effective_potential,
     draw_turning_angles,
     euler_angles,
@@ -51,7 +52,7 @@ from rigidmc.views.sample import (
 
 NARROW = 60.0  # deg: the sphere hides the far side of loops and cusps around the vertical
 
-GAPS = "\nφ and ψ are undefined where axis 3 is vertical: their lines end"
+GAPS = "\nφ and ψ are left out where axis 3 is near the vertical: their lines end"
 
 
 def trajectory(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
@@ -113,8 +114,9 @@ def angles(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
     if count > LINES:
         return _angle_densities(ds, figure)
     paths, note = member_paths(good, ATTITUDE)
-    figure = figure or figure_of_result(ds, (7.0, 4.8) if count == 1 else (7.0, 7.0))
-    if count == 1:
+    is_flat = count == 1 and _is_within_a_turn(paths[0].t, paths[0].attitude)
+    figure = figure or figure_of_result(ds, (7.0, 4.8) if is_flat else (7.0, 7.0))
+    if is_flat:
         (axes,) = (figure.add_subplot(),)
         euler_angles(paths[0].attitude, paths[0].t, axes)
         if note:
@@ -131,6 +133,13 @@ def angles(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
             row.plot(path.t, np.degrees(angle), label=label, **style)
     _name_rows(rows, axis_label(ds.time), note, GAPS if has_gaps else "")
     return figure
+
+
+def _is_within_a_turn(t: Floats, attitude: Floats) -> bool:
+    """Whether phi and psi minus their mean rates stay within a turn. Rates that change, as those of
+    a damped top, leave many turns, beside which theta in the same axes would be a straight line."""
+    rests = [without_mean_rate(t, angle)[0] for angle in euler_curves(attitude)[1:]]
+    return all(np.nanmax(rest) - np.nanmin(rest) < 2.0 * np.pi for rest in rests)
 
 
 def _name_rows(rows: Any, time: str, note: str, gaps: str = "") -> None:

@@ -17,6 +17,7 @@ from rigidmc.views.closed_forms import (
     lagrange_summary,
     mean_rate,
 )
+from rigidmc.views.tops import angles
 from tests.tools.axes import faults
 
 SCENE = rm.Scene.load("heavy_top").with_run(members=1)
@@ -149,3 +150,14 @@ def test_exact_tells_one_precession_of_a_horizontal_axis():
     moments, spin = scene.body.moments, scene.start.sample_spin(scene.run.seed, 0, 1, None)[1][2, 0]
     rate = scene.body.mass * 9.81 * np.linalg.norm(scene.body.centre) / (moments[2] * spin)
     assert f"precession at 90 deg: slow {rate:.6g} rad/s, fast none" in line
+
+
+@pytest.mark.parametrize(("friction", "panels"), [((), 1), ((rm.AxialDamping((0, 0, 1.0)),), 3)])
+def test_changing_rates_get_axes_of_their_own(friction, panels):
+    """A damped top has turned by 2,000 degrees more than at its mean rate: theta was a line."""
+    body = rm.Body.from_moments(MOMENTS, mass=0.1776, centre=(0.0, 0.0, 0.04))
+    start = rm.Start(omega=(0.0, 0.0, 200.0), attitude=(0.0, 0.4, 0.0))
+    scene = rm.Scene(body, (rm.Gravity(9.81), *friction), start)
+    ds = rm.simulate(scene, "rk8", dt=1e-3, t_end=1.0, members=1, every=5e-3, save=("attitude",))
+    axes = angles(ds).axes
+    assert len(axes) == panels and "θ" in (axes[0].get_ylabel() + str(axes[0].get_legend().texts))

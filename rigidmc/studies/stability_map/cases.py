@@ -237,15 +237,15 @@ def sleeping_top() -> MapCase:
         derived={
             "theory": MapTheory(
                 "J kg m2",
-                "C^2 n^2 - 4 A m g h: above 0 the top sleeps",
+                "I3^2 n^2 - 4 I1 m g h: above 0 the top sleeps",
                 lambda ds, spin, height: 0.25 * spin**2 - 4.0 * height,
             )
         },
         shown="p(passages>=1)",
-        contours=("theory", (0.0,), "C² n² = 4 A m g h"),
+        contours=("theory", (0.0,), "I₃² n² = 4 I₁ m g h"),
         labels=("spin n", "height h of the centre of mass", "fraction of the tops that fall over"),
         settings={"integrator": "rk8", "dt": 0.1, "t_end": 300.0},
-        source="C^2 n^2 > 4 A k, TdC (3.77)",
+        source="I3^2 n^2 > 4 I1 m g h, TdC (3.77)",
     )
 
 
