@@ -62,9 +62,10 @@ def _explain(
             print(f"{label:12s} {fact}")
 
 
-def _first_line(kind: Any) -> str:
-    """Return the summary of a docstring."""
-    return str(kind.__doc__).splitlines()[0]
+def _summary(kind: Any) -> str:
+    """Return the first sentence of a docstring, without the test that it names."""
+    words = " ".join(str(kind.__doc__).split("\n\n")[0].split())
+    return re.sub(r" \(tests/[^)]*\)", "", re.split(r"(?<=\S\.) (?=[A-Z])", words)[0])
 
 
 def _by(dims: Iterable[str]) -> str:
@@ -167,7 +168,7 @@ def observables_command(
         print("saved at the save times (save = [...]):")
         for word, kind in OBSERVABLES.items():
             if not kind.is_monitored:
-                print(f"{word:12s} {with_units(_first_line(kind), kind.units)}")
+                print(f"{word:12s} {with_units(_summary(kind), kind.units)}")
                 if parameters := _fields(kind):
                     print(f"{'':12s} parameters, in a table [observables.{word}]: {parameters}")
         print("\nmonitored over all steps, one result per member (save = [...]; parameters in")
@@ -175,14 +176,14 @@ def observables_command(
         for word, kind in monitors().items():
             parameters = _fields(kind) or "none"
             results = ", ".join(kind.outputs) or "counts"
-            print(f"{word:12s} {_first_line(kind)}")
+            print(f"{word:12s} {_summary(kind)}")
             print(f"{'':12s} parameters: {parameters}; results: {results}")
             print_added(word)
         able = list(dict.fromkeys(of for of, _ in statistics().values()))
         print(f"\nstatistics over all steps, for {', '.join(able)},")
         print("and for observables with parameters, such as pointing_angle_max:")
         for word, kind in STATISTICS.items():
-            print(f"NAME_{word:7s} {_first_line(kind)}")
+            print(f"NAME_{word:7s} {_summary(kind)}")
             for observable in able:
                 print_added(f"{observable}_{word}")
 

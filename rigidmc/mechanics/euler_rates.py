@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.inputs.arrays import broadcast_arguments, check_rows, floats
+from rigidmc.errors import warn
+from rigidmc.inputs.arrays import Shape, broadcast_arguments, check_rows, floats
+from rigidmc.inputs.units import degrees_note
 from rigidmc.mechanics.euler_angles import LOCKED, PROPER, TEXTBOOK, axes_of, check_sequence
 
 _Floats = NDArray[np.float64]
@@ -36,6 +38,14 @@ def euler_rate_matrix(angles: ArrayLike, sequence: str = TEXTBOOK) -> NDArray[An
         last = {i: zero, j: zero, n: one}
     rows = [np.stack([first[k], across[k], last[k]], -1) for k in (1, 2, 3)]
     return np.stack(rows, -2)
+
+
+def _rows(angles: ArrayLike, name: str, values: ArrayLike) -> tuple[Shape, _Floats, _Floats]:
+    """Return (leading shape, angles (3, n), values (3, n)); SceneError, SceneWarning."""
+    shape, (angles, values), _ = broadcast_arguments(("angles", angles, 3), (name, values, 3))
+    if note := degrees_note(angles[1], "angles: a second angle of", 1):
+        warn(note)
+    return shape, angles, values
 
 
 def omega_from_euler_rates(
@@ -74,7 +84,8 @@ def omega_from_euler_rates(
     Warns
     -----
     SceneWarning
-        with the count of rows that are not finite, whose results are nan
+        with the count of rows that are not finite, whose results are nan; for a second angle that
+        looks like degrees
 
     Examples
     --------
@@ -84,7 +95,7 @@ def omega_from_euler_rates(
     >>> omega.round(3).tolist()
     [0.0, 2.726, 199.447]
     """
-    shape, (angles, rates), _ = broadcast_arguments(("angles", angles, 3), ("rates", rates, 3))
+    shape, angles, rates = _rows(angles, "rates", rates)
     rows = np.einsum("nij,jn->ni", euler_rate_matrix(angles.T, sequence), rates)
     omega: _Floats = rows.reshape(*shape, 3)
     return omega
@@ -119,7 +130,8 @@ def euler_rates(angles: ArrayLike, omega: ArrayLike, sequence: str = TEXTBOOK) -
     Warns
     -----
     SceneWarning
-        with the count of rows that are not finite, and of angles at gimbal lock
+        with the count of rows that are not finite, and of angles at gimbal lock; for a second angle
+        that looks like degrees
 
     Examples
     --------
@@ -129,7 +141,7 @@ def euler_rates(angles: ArrayLike, omega: ArrayLike, sequence: str = TEXTBOOK) -
     """
     sequence = check_sequence(sequence)
     i, j, n, sign = axes_of(sequence)
-    shape, (angles, omega), _ = broadcast_arguments(("angles", angles, 3), ("omega", omega, 3))
+    shape, angles, omega = _rows(angles, "omega", omega)
     on = dict(zip((1, 2, 3), omega, strict=True))
     _, second, third = angles
     is_proper = sequence in PROPER

@@ -422,6 +422,8 @@ def test_every_name_is_explained():
         assert made.exit_code == 0 and "in a scene" in made.stdout, (name, made.exception)
         assert ">>>" not in made.stdout and "----" not in made.stdout  # of numpydoc
     assert "motor = [0, 0, 0]" in invoke("effects rotor").stdout
+    # the list ended in mid-sentence
+    assert "for a body described in other axes. [rad/s]" in invoke("observables").stdout
 
 
 @pytest.mark.parametrize(("words", "parts"), [

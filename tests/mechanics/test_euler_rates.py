@@ -49,3 +49,10 @@ def test_words_of_scipy_name_the_same_sequence():
     ).all()
     with pytest.raises(SceneError, match="about the axes of space"):
         rm.euler_rates(angles, rates, "zxz")
+
+
+def test_angles_that_look_like_degrees_are_noted():
+    """As by the closed forms of tops: a lean of 30 gave a spin without a word."""
+    for function in (rm.omega_from_euler_rates, rm.euler_rates):
+        with pytest.warns(SceneWarning, match='a second angle of 30 .* write "30 deg"'):
+            function((0.0, 30.0, 0.0), (3.0, 0.0, 150.0))
