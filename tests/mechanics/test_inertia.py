@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigidmc import Body, SceneError, SceneWarning
+from rigidmc import Body, Scene, SceneError, SceneWarning
 from rigidmc.mechanics import inertia, mesh, rotation, solids
 from tests.tools.commands import invoke
 
@@ -145,29 +145,14 @@ def test_round_solids_are_integrals_over_regions_with_curved_limits(name):
 
 
 def test_thin_solids_are_limits_of_thick_ones():
+    ring = {"inner": 0.6 - 1e-9, "outer": 0.6, "height": 1e-9}
     for name, sizes, thick, limit in (
-        (
-            "plate",
-            {"mass": 2.0, "size": (1.0, 0.6)},
-            "box",
-            {"mass": 2.0, "size": (1.0, 0.6, 1e-7)},
-        ),
-        (
-            "disc",
-            {"mass": 2.0, "radius": 0.6},
-            "cylinder",
-            {"mass": 2.0, "radius": 0.6, "height": 1e-7},
-        ),
-        (
-            "ring",
-            {"mass": 2.0, "radius": 0.6},
-            "hollow_cylinder",
-            {"mass": 2.0, "inner": 0.6 - 1e-9, "outer": 0.6, "height": 1e-9},
-        ),
+        ("plate", {"size": (1.0, 0.6)}, "box", {"size": (1.0, 0.6, 1e-7)}),
+        ("disc", {"radius": 0.6}, "cylinder", {"radius": 0.6, "height": 1e-7}),
+        ("ring", {"radius": 0.6}, "hollow_cylinder", ring),
     ):
-        assert np.allclose(
-            Body.solid(name, **sizes).moments, Body.solid(thick, **limit).moments, rtol=0, atol=1e-8
-        )
+        thin, near = Body.solid(name, mass=2.0, **sizes), Body.solid(thick, mass=2.0, **limit)
+        assert np.allclose(thin.moments, near.moments, rtol=0, atol=1e-8)
     outer, inner = (Body.solid("ball", mass=r**3, radius=r) for r in (1.0, 1.0 - 1e-5))
     hollow = outer.subtract(inner)
     assert hollow.moments == pytest.approx(
@@ -189,6 +174,9 @@ def test_t_handle_is_the_join_of_its_rods_and_the_shipped_scene():
     assert handle.moments == pytest.approx(
         (1.1515900570815086e-05, 3.966587974391863e-05, 2.9151361831435293e-05), rel=1e-12
     )
+    shipped = Scene.load("dzhanibekov").body
+    assert shipped.moments == pytest.approx(handle.moments, rel=1e-14)
+    assert shipped.mass == pytest.approx(8500 * np.pi * 0.005**2 * 0.12, rel=1e-14)
 
 
 @given(POINT, POINT)

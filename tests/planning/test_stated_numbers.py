@@ -114,7 +114,8 @@ def tables():
 BODIES = tables()
 SMALL = (
     "moments about the centre", "tensor moved to the centre", "turned moments about another point",
-    "tensor free, principal", "cone about another point", "cone, free", "part.stl",
+    "tensor free, principal", "cone about another point", "cone, free", "part.stl", "cylinder",
+    "ellipsoid", "plate", "ball", "hollow_cylinder",
 )  # fmt: skip
 # largest relative difference between the derivatives and differences of order 6: measured 7e-11
 TOLERANCE = 1e-9

@@ -272,18 +272,3 @@ def test_derivatives_of_whole_runs_are_those_of_differences(settings):
                 error = np.abs(run[d_name].values[j] - true)
                 size = np.nanmax(np.abs(true))
                 assert np.nanmax(error) < 1e-6 * size + 1e-8, (d_name, np.nanmax(error), size)
-
-
-@compiled
-@pytest.mark.slow
-def test_an_event_at_the_start_moves_with_no_parameter():
-    rng = np.random.default_rng(1)
-    q = rng.normal(size=(32, 4))
-    q /= np.linalg.norm(q, axis=1)[:, None]
-    start = rm.Start(omega=1.5 * rng.normal(size=(32, 3)), attitude=q)
-    scene = rm.Scene(SCENE.body, start=start, observables=(rm.Passage(axis=3, angle=1.0),))
-    settings = {"integrator": "rk4", "dt": 0.02, "t_end": 3.0, "members": 32, "save": ("passage",)}
-    ds = rm.simulate(scene, wrt=("start.attitude.1",), **settings)
-    change, early = ds.d_passage_first.values[0], ds.passage_first.values == 0.0
-    assert 10 < early.sum() < 30 and not change[early].any()  # 15 s per unit, if taken for passages
-    assert np.nanmax(np.abs(change[~early])) > 0.1

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.planning import notes
 from rigidmc.scene.library import shipped_names
 from tests.tools.pages import scenes
 
@@ -71,7 +70,7 @@ TOLD = {
         lambda: start(attitude={"euler": "321", "angles": (10, 0, 0)}), "more than 2 pi"),
     "23 degrees": (lambda: start(attitude=(0, 23, 0)), "more than pi"),
     "4.5 degrees": (lambda: start(attitude=(0, 4.5, 0)), "more than pi"),
-    "cone in degrees": (lambda: start(omega=rm.Cone(3, 90.0, 5.0)), "more than pi"),
+    "cone in degrees": (lambda: start(omega=rm.Cone(3, 90.0, 5.0)), "angle = 5 is more than pi"),
     "quaternion with the scalar last, not unit": (
         lambda: start(attitude=(0.1, 0.2, 0.3, 1.0)), "normalised"),
     "cylinder in mm": (lambda: cylinder(radius=1e3, height=1e3), "likely lengths in mm"),
@@ -113,9 +112,12 @@ TOLD = {
     "g in mm/s2": (lambda: of((rm.Gravity(9810.0),)), "mm/s2"),
     "gravity without a centre": (lambda: of(centre=(0.0,) * 3), "no effect"),
     "gravity without a mass": (lambda: of(mass=None, moments=(1, 1, 0.5)), "assumed mass of 1 kg"),
+    "spring at the fixed point": (
+        lambda: of((rm.Spring(1.0, (0.0,) * 3, (0.0, 0.0, 1.0)),)), "no effect.*torque is 0"),
     "no gravity without strength": (lambda: of((rm.Gravity(0.0),)), "no effect"),
     "altitude for distance": (lambda: orbit(distance=6e5), "inside the Earth"),
     "distance in km": (lambda: orbit(distance=7e3), "inside the Earth"),
+    "anomaly in degrees": (lambda: orbit(eccentricity=0.1, anomaly=45.0), "anomaly = 45"),
     "step of a second": (lambda: of(run={}).with_run(dt=1.0, t_end=10.0), "rad"),
     "step in ms": (lambda: of(run={}).with_run(dt=5.0, t_end=100.0), "rad"),
     "rpm for rad/s, with a step that fits": (
@@ -156,6 +158,16 @@ UNTOLD = {
     "degrees per second": lambda: start(omega=(0, 0.1, 360.0)),
     "2 degrees": lambda: start(attitude=(0, 2, 0)),  # 115 degrees
     "half a degree": lambda: start(attitude=(0, 0.5, 0)),
+    "angles just below pi": lambda: start(attitude=(6.28, 3.1, 0.0)),
+    "cone just below pi": lambda: start(omega=rm.Cone(3, 90.0, 3.0)),
+    "nearly a unit quaternion": lambda: start(attitude=(1.0, 0.0, 0.0, 1e-4)),
+    "hardly any gravity": lambda: of((rm.Gravity(1e-9),)),
+    "spring off the fixed point": lambda: of((rm.Spring(1.0, (0.1, 0.0, 0.0), (0.0, 0.0, 1.0)),)),
+    "orbit": lambda: orbit(distance=8e6, eccentricity=0.1, anomaly=3.0).with_run(dt=1e-3),
+    "box": lambda: body(rm.Body.box(0.5, (0.2,) * 3).with_pivot((0.0, 0.0, -0.1))),
+    "ball": lambda: body(
+        rm.Body.solid("ball", mass=0.2, radius=0.02).with_pivot((0.0, 0.0, -0.02))
+    ),
     "swapped moments": lambda: of(moments=(1.8e-3, 5e-4, 1.8e-3), centre=(0, 0.04, 0)),
     "moments of 1 kg in kg cm2": lambda: scaled(moments=1e4, mass=2.0),  # as in a textbook
     "pounds for kg": lambda: scaled(mass=1.1),
@@ -191,15 +203,19 @@ def test_what_is_right_in_another_unit_is_not_told():
     assert {name: told(make) for name, make in UNTOLD.items() if told(make)} == {}
 
 
-SUSPECTS = (notes._rest, notes._angles, notes._quaternions, notes._density, notes._gravity)
+# notes that suspect a mistake in the numbers of a scene
+SUSPICIONS = re.compile(
+    "nothing moves|more than (2 )?pi|whole number|normalised|far less than air|more than osmium"
+    "|lengths in|mass in g|pulls upwards|: g is in m/s2"
+)
 # pages that show a mistake, and its note
 SHOWN = {"docs/how_to/units.md"}
 
 
 def suspicions(scene):
     """Return the notes of a scene that suspect a mistake in its numbers."""
-    seen = notes._pilot_facts(scene.model, scene.run, None)
-    return [note for look in SUSPECTS for note in look(seen) if note]
+    notes = told(lambda: scene).splitlines()
+    return [note for note in notes if SUSPICIONS.search(note)]
 
 
 @pytest.mark.parametrize("name", shipped_names())
