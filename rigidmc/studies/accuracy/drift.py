@@ -87,9 +87,9 @@ def long_drift(
 
 def one_of_each_kind(scene: Scene) -> list[str]:
     """Return the integrators that accept a scene and do not drift like another one."""
-    known = scene.known_integrators()
-    able = integrators_for(scene.effects, integrators=known)
-    return [name for name in able if name != "closed" and not known[name].drifts_like]
+    by_name = scene.known_integrators()
+    able = integrators_for(scene.effects, integrators=by_name)
+    return [name for name in able if name != "closed" and not by_name[name].drifts_like]
 
 
 def growth_law(steps: NDArray[np.int_], drift: NDArray[np.float64]) -> tuple[str, float]:

@@ -45,12 +45,12 @@ def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     )
     axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: two_digits(v)))
     axes.invert_xaxis()
-    known = study.attrs["truth_error"]
-    if known > error[shown].min() / 30.0:
-        axes.axvline(known, color=GREY, lw=0.8, ls=":")
+    limit = study.attrs["truth_error"]
+    if limit > error[shown].min() / 30.0:
+        axes.axvline(limit, color=GREY, lw=0.8, ls=":")
         axes.annotate(
             "error of\nthe truth",
-            (known, 0.02),
+            (limit, 0.02),
             xycoords=("data", "axes fraction"),
             fontsize=8,
             color=GREY,

@@ -116,11 +116,11 @@ def with_tried(scene: Scene, integrators: Sequence[Any]) -> tuple[Scene, list[st
     """Return (the scene with custom integrators, the names of all); OptionError for one that does
     not support the scene, before the truth is computed, which takes seconds."""
     scene, names = scene.with_integrators(integrators)
-    known = scene.known_integrators()
+    by_name = scene.known_integrators()
     for name in names:
-        if name not in known:
-            raise unknown("integrator", known, at="integrators", value=name, error=OptionError)
-        if why := refusal(name, scene.effects, known=known):
+        if name not in by_name:
+            raise unknown("integrator", by_name, at="integrators", value=name, error=OptionError)
+        if why := refusal(name, scene.effects, known=by_name):
             raise OptionError(why, at="integrators", value=name)
     return scene, names
 
@@ -141,8 +141,8 @@ def _ways(
         return bool(rivals) and costs.per_member(way) > DEAREST * min(rivals)
 
     # high orders first: they set the cost limit of the others
-    known = scene.known_integrators()
-    pairs = sorted(candidates(first, true, integrators), key=lambda c: -known[c[0]].order)
+    by_name = scene.known_integrators()
+    pairs = sorted(candidates(first, true, integrators), key=lambda c: -by_name[c[0]].order)
     compile_ahead(first, pairs)
     began = time.perf_counter()
     for done, (integrator, dtype) in enumerate(pairs, 1):

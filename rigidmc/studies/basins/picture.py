@@ -37,8 +37,8 @@ def _plane(axes: Axes, study: xr.Dataset) -> None:
     (across, unit), (up, other) = (
         in_degrees(start[:, k], str(study.units.values[k])) for k in range(2)
     )
-    for i, (one, text) in enumerate(basin_names(study).items()):
-        there = basin == one
+    for i, (number, text) in enumerate(basin_names(study).items()):
+        there = basin == number
         axes.scatter(
             across[there], up[there], s=size, marker="s", linewidths=0.0,
             color=BASINS[i % len(BASINS)], rasterized=True,

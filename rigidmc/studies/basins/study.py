@@ -241,7 +241,7 @@ def reduce(batches: Batches, options: BasinOptions) -> xr.Dataset:
     largest = 1.0 - float(((sizes / max(1, there.sum())) ** 2).sum())
     alpha, d = exponent(uncertain, largest, options.confidence), len(dimensions)
     shares = probability(uncertain.sum(axis=1), uncertain.shape[1], options.confidence)
-    found: dict[str, Any] = {
+    answers: dict[str, Any] = {
         "uncertain": [np.where(resolved, x, np.nan) for x in shares],
         "alpha": alpha,
         "dimension": (d - alpha.value, d - alpha.high, d - alpha.low),
@@ -251,7 +251,7 @@ def reduce(batches: Batches, options: BasinOptions) -> xr.Dataset:
     distance = ("distance", np.array(DISTANCES), {"long_name": "distance in probability"})
     coordinates = {"distance": distance, "number": names, "units": ("number", units)}
     attrs = {
-        "of": [one.text for one in measures],
+        "of": [of.text for of in measures],
         "confidence": options.confidence,
         "members": int(run.members),
         "numbers": d,
@@ -259,7 +259,7 @@ def reduce(batches: Batches, options: BasinOptions) -> xr.Dataset:
         "unresolved": int((~resolved).sum()),
         "left_out": int((~there).sum()),
     }
-    return make_dataset(VARIABLES, found, coordinates, attrs)
+    return make_dataset(VARIABLES, answers, coordinates, attrs)
 
 
 def basin_names(study: xr.Dataset) -> dict[int, str]:

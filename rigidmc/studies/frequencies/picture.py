@@ -26,27 +26,27 @@ def frequency_map(
     does not have.
     """
     study = with_degrees(
-        study, *(str(n) for n, one in study.data_vars.items() if one.dtype == "f8")
+        study, *(str(n) for n, variable in study.data_vars.items() if variable.dtype == "f8")
     )
-    known = _known(study)
+    quantities = _quantities(study)
     spread = {
         # avoid division by zero for values that are all 0
         name: np.ptp(v) / (np.abs(v).max() or 1.0)
-        for name, v in known.items()
+        for name, v in quantities.items()
         if name.startswith("start_")
     }
     names = x or max(spread, key=lambda name: spread[name], default=FREQUENCY), y or FREQUENCY
     for name in names:
-        if name not in known:
-            rule = f"is not a quantity of the study; known: {', '.join(known)}"
-            raise OptionError(rule, at="x and y", value=name, nearest=nearest(name, known))
+        if name not in quantities:
+            rule = f"is not a quantity of the study; known: {', '.join(quantities)}"
+            raise OptionError(rule, at="x and y", value=name, nearest=nearest(name, quantities))
     good = study.status.values == 0
     title = f"{study.attrs['title']}: frequencies of {in_symbols(study.attrs['of'])}"
     figure = figure or new_figure(title, (7.4, 5.4))
     axes = figure.add_subplot()
     change = np.log10(np.maximum(study.change.values[good], LOWEST))
     order = np.argsort(change)
-    across, up = (known[name][good][order] for name in names)
+    across, up = (quantities[name][good][order] for name in names)
     size = float(np.clip(60000.0 / max(1, good.sum()), 1.0, 40.0))  # [pt2] of 130,000
     dots = axes.scatter(
         across, up, s=size, c=change[order], marker="s", cmap=VALUES, vmin=-12.0, vmax=0.0,
@@ -61,17 +61,19 @@ def frequency_map(
     return figure_of(axes)
 
 
-def _known(study: xr.Dataset) -> dict[str, NDArray[np.float64]]:
+def _quantities(study: xr.Dataset) -> dict[str, NDArray[np.float64]]:
     """Return {name: values} of all quantities of the members."""
-    found: dict[str, NDArray[np.float64]] = {}
-    for name, one in study.data_vars.items():
-        if name in ("status", "change", "why") or one.ndim > 2:
+    quantities: dict[str, NDArray[np.float64]] = {}
+    for name, variable in study.data_vars.items():
+        if name in ("status", "change", "why") or variable.ndim > 2:
             continue
-        dim = next((d for d in one.dims if d != "member"), None)
-        if "member" not in one.dims:
-            one = one.broadcast_like(study.status)
+        dim = next((d for d in variable.dims if d != "member"), None)
+        if "member" not in variable.dims:
+            variable = variable.broadcast_like(study.status)
         if dim is None:
-            found[str(name)] = one.values
+            quantities[str(name)] = variable.values
         else:
-            found |= {f"{name}[{v.item()}]": one.sel({dim: v}).values for v in one[dim].values}
-    return found
+            quantities |= {
+                f"{name}[{v.item()}]": variable.sel({dim: v}).values for v in variable[dim].values
+            }
+    return quantities

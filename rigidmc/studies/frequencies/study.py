@@ -145,7 +145,7 @@ def reduce(batches: Batches, options: FrequencyOptions) -> xr.Dataset:
         starts.append(part[names].drop_vars("time", errors="ignore"))
     arrays = (np.concatenate(x, axis=-1) for x in zip(*parts, strict=True))
     of_members: xr.Dataset = xr.concat(starts, "member", data_vars="minimal")
-    values = {one.name: x for one, x in zip(VARIABLES, arrays, strict=False)}
+    values = {variable.name: x for variable, x in zip(VARIABLES, arrays, strict=False)}
     values["status"] = of_members.status
     coordinates = {"term": np.arange(1, options.terms + 1), "member": of_members.member.values}
     units = part[asked.name].attrs.get("units", "1")
@@ -158,15 +158,15 @@ def _analysed(signal: Array, times: Array, terms: int, resolved: float) -> tuple
     # a spectrum needs evenly spaced saves; the last interval may be shorter
     if times[-1] - times[-2] < (times[1] - times[0]) * (1.0 - 1e-6):
         times, signal = times[:-1], signal[:-1]
-    found, half = oscillations(signal, times, terms, resolved), times.size // 2
+    lines, half = oscillations(signal, times, terms, resolved), times.size // 2
     first, second = (
         oscillations(piece, times[: len(piece)], 1, resolved).frequency[0]
         for piece in (signal[:half], signal[-half:])
     )
     with np.errstate(invalid="ignore", divide="ignore"):
-        change = np.abs(second - first) / found.sought[0]
-    why = np.where(np.isnan(signal).any(axis=0), WHY.index("flagged"), found.why).astype("i1")
-    return *found[:3], why, change
+        change = np.abs(second - first) / lines.sought[0]
+    why = np.where(np.isnan(signal).any(axis=0), WHY.index("flagged"), lines.why).astype("i1")
+    return *lines[:3], why, change
 
 
 class Oscillations(NamedTuple):
@@ -197,17 +197,17 @@ def oscillations(
     """
     step = (times[-1] - times[0]) / (times.size - 1)
     weight = window(times.size)[:, None]
-    found: list[Array] = []
-    shares, left = _fitted(_waves(found, times, signal.shape[1]), signal, weight)
+    tried: list[Array] = []
+    shares, left = _fitted(_waves(tried, times, signal.shape[1]), signal, weight)
     eps = resolution(signal.dtype) if resolved is None else resolved
     noise = ULPS * eps * np.abs(signal).max(axis=0) * np.sqrt(times.size)
     least = np.maximum(NOTHING * np.sqrt((weight * left**2).sum(axis=0)), noise)
     for _ in range(terms):
         rest = np.sqrt((weight * left**2).sum(axis=0))
         frequency = _strongest(left * weight, step)
-        found.append(np.where(rest > least, frequency, np.nan))
-        shares, left = _fitted(_waves(found, times, signal.shape[1]), signal, weight)
-    frequency, values = np.array(found), shares[1::2] - 1j * shares[2::2]
+        tried.append(np.where(rest > least, frequency, np.nan))
+        shares, left = _fitted(_waves(tried, times, signal.shape[1]), signal, weight)
+    frequency, values = np.array(tried), shares[1::2] - 1j * shares[2::2]
     why = _unresolved(frequency, np.abs(values), step, times.size)
     values[why > 0] = np.nan
     sure = np.where(why > 0, np.nan, frequency)
@@ -258,11 +258,11 @@ def _strongest(signal: Array, step: float) -> Array:
     return np.where(bad | ~root.success, np.nan, root.x)
 
 
-def _waves(found: Sequence[Array], times: Array, count: int) -> Array:
+def _waves(rates: Sequence[Array], times: Array, count: int) -> Array:
     """Return 1, then cos and sin of each frequency, (1 + 2 terms, saves, n); 0 where it is nan."""
     rows = [np.ones((times.size, count))]
-    for frequency in found:
-        angles = times[:, None] * frequency
+    for rate in rates:
+        angles = times[:, None] * rate
         rows += [np.nan_to_num(np.cos(angles)), np.nan_to_num(np.sin(angles))]
     return np.array(rows)
 

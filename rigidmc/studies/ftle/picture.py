@@ -29,12 +29,12 @@ def ftle_field(
 
     Raises OptionError for a parameter that the study does not have.
     """
-    known = [str(n) for n in study.number.values if study.start.sel(number=n).notnull().any()]
-    names = [n for n in (x or "".join(known[:1]), y or "".join(known[1:2])) if n]
+    numbers = [str(n) for n in study.number.values if study.start.sel(number=n).notnull().any()]
+    names = [n for n in (x or "".join(numbers[:1]), y or "".join(numbers[1:2])) if n]
     for name in names:
-        if name not in known:
-            rule = f"is not an uncertain parameter of the start; known: {', '.join(known)}"
-            raise OptionError(rule, at="x and y", value=name, nearest=nearest(name, known))
+        if name not in numbers:
+            rule = f"is not an uncertain parameter of the start; known: {', '.join(numbers)}"
+            raise OptionError(rule, at="x and y", value=name, nearest=nearest(name, numbers))
     if not names:
         rule = "the start has only vector distributions, so it has no parameter for an axis"
         raise OptionError(rule, at="x and y")

@@ -84,9 +84,9 @@ def of_score(values: Array, scores: Array, confidence: float) -> Interval:
     if is_constant(values):
         return NONE
     terms = terms_of(values, scores)
-    found = mean(terms, confidence=confidence)
+    average = mean(terms, confidence=confidence)
     # the denominator P(A) is an estimate, too: the error of the ratio is that of these terms
-    value = float(found.value)
+    value = float(average.value)
     half = float(mean(terms - value * inside / inside.mean(), confidence=confidence).half)
     return Interval(value, value - half, value + half)
 

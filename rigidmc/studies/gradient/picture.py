@@ -16,18 +16,18 @@ def gradient_bars(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     figure = figure or new_figure(study.attrs["title"], (8.2, 1.4 + 0.5 * count * (1 + len(names))))
     places = -np.arange(len(names), dtype=float)
     for i, text in enumerate(map(str, study.measure.values)):
-        one = study.isel(measure=i)
+        row = study.isel(measure=i)
         axes = figure.add_subplot(count, 1, i + 1)
-        values = one.derivative.values
-        ends = np.stack([values - one.derivative_low.values, one.derivative_high.values - values])
+        values = row.derivative.values
+        ends = np.stack([values - row.derivative_low.values, row.derivative_high.values - values])
         ends = np.where(np.isfinite(ends), ends, 0.0)
         colour = COLOURS[i % len(COLOURS)]
         axes.errorbar(values, places, xerr=ends, fmt="none", color=colour, capsize=3)
-        for j, method in enumerate(one.method.values):
+        for j, method in enumerate(row.method.values):
             face = "none" if method == "score" else colour
             axes.plot(values[j], places[j], "o", color=colour, mfc=face)
         axes.axvline(0.0, lw=0.5, color=GREY)
-        unit = str(one.unit.item())
+        unit = str(row.unit.item())
         units = [quotient(unit, str(by)) for by in study.parameter_unit.values]
         labels = [with_units(in_symbols(n), by) for n, by in zip(names, units, strict=True)]
         axes.set_yticks(places, labels)

@@ -29,14 +29,14 @@ class Asked(NamedTuple):
     @staticmethod
     def of(text: str, variables: Variables, scene: Scene, may_save_more: bool) -> "Asked":
         """Parse a measure; OptionError."""
-        found, recording = measure(text, variables, may_save_more), scene.recording
-        name = found.result.name
+        asked, recording = measure(text, variables, may_save_more), scene.recording
+        name = asked.result.name
         base, _, end = name.rpartition("_")
         if f"_{end}" in ENDS and base in recording.names:
-            return Asked(found, base)
+            return Asked(asked, base)
         # times of events jump
-        is_smooth = name in recording.differentiable and not found.result.timed
-        return Asked(found, name if is_smooth else "")
+        is_smooth = name in recording.differentiable and not asked.result.timed
+        return Asked(asked, name if is_smooth else "")
 
 
 class Question(NamedTuple):

@@ -39,8 +39,8 @@ The mean energy of a disc that spins with omega drawn from N(m, s^2) is I (m^2 +
 >>> start = rm.Start(omega=(0.0, 0.0, rm.normal(1.0, 0.1)))
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start)
 >>> run = {"integrator": "exact", "t_end": 1.0, "members": 1000}
->>> found = rm.gradient(scene, "mean(energy_last)", ["start.omega.3.mean"], **run)
->>> found.derivative.values.round(1).tolist()  # I m
+>>> study = rm.gradient(scene, "mean(energy_last)", ["start.omega.3.mean"], **run)
+>>> study.derivative.values.round(1).tolist()  # I m
 [[2.0]]
 """
 
@@ -195,9 +195,9 @@ def _numbers(part: xr.Dataset, question: Question) -> Numbers:
     for i, (asked, row) in enumerate(zip(question.asked, question.ways, strict=True)):
         by_path = [j for j, way in enumerate(row) if way == "path"]
         if by_path:
-            found = part[derivative_name(asked.observable)]
-            found = found.sel(parameter=[names[j] for j in by_path])
-            tangents[:, i, by_path] = _tangents(asked, found.where(is_good), part.time.values)
+            derivatives = part[derivative_name(asked.observable)]
+            derivatives = derivatives.sel(parameter=[names[j] for j in by_path])
+            tangents[:, i, by_path] = _tangents(asked, derivatives.where(is_good), part.time.values)
     by_noise, scores = scores_of_noise(question.model.effects), scores_of_model(question.model)
     of_members = np.zeros((len(names), count))
     for name in question.by("score"):
@@ -214,14 +214,14 @@ def _numbers(part: xr.Dataset, question: Question) -> Numbers:
     return Numbers(values, rates, half, end, of_members, is_good[None])
 
 
-def _tangents(asked: Asked, found: xr.DataArray, times: Array) -> tuple[Array, Array, Array]:
+def _tangents(asked: Asked, derivatives: xr.DataArray, times: Array) -> tuple[Array, Array, Array]:
     """Return the `rates`, `half` and `end` of `Numbers`, (parameter, n) each."""
-    if "time" in found.dims:
+    if "time" in derivatives.dims:
         middle = int(np.abs(times - 0.5 * times[-1]).argmin())
-        found = found.isel(time=[middle, -1])
+        derivatives = derivatives.isel(time=[middle, -1])
     else:
-        found = xr.concat([np.nan * found, found], "time")
-    values = found.transpose("parameter", "time", ..., "member").values
+        derivatives = xr.concat([np.nan * derivatives, derivatives], "time")
+    values = derivatives.transpose("parameter", "time", ..., "member").values
     axis = asked.measure.result.axis
     size = np.sqrt((values.reshape(*values.shape[:2], -1, values.shape[-1]) ** 2).sum(2))
     end = values[:, -1] if axis is None else values[:, -1, axis - 1]
@@ -234,10 +234,10 @@ def reduce(batches: Batches, options: GradientOptions) -> xr.Dataset:
     for part in map(with_ends, batches.results):
         if question is None:
             wrt = options.wrt or tuple(map(str, part.parameter.values))
-            known = part.data_vars
-            question = Question.of(scene, options.of, wrt, options.method, known, False)
+            variables = part.data_vars
+            question = Question.of(scene, options.of, wrt, options.method, variables, False)
             question.refuse_lacking(part)
-            units = [asked.measure.units(known) for asked in question.asked]
+            units = [asked.measure.units(variables) for asked in question.asked]
             by_noise = question.by_noise()
             steps = [_steps(part) if name in by_noise else 0 for name in question.names]
         parts.append(_numbers(part, question))
@@ -283,22 +283,22 @@ def _estimates(
     (3, measure), growth and carriers (measure, parameter))."""
     values, rates, half, end, scores, _ = (x[..., numbers.is_good[0]] for x in numbers)
     shape = len(question.asked), len(question.names)
-    found, growth = np.full((3, *shape), np.nan), np.full((2, *shape), np.nan)
+    derivative, growth = np.full((3, *shape), np.nan), np.full((2, *shape), np.nan)
     value = np.full((3, len(question.asked)), np.nan)
     for i, (measure, _) in enumerate(question.asked):
         y, kind = values[i], measure._replace(given=None)
         value[:, i] = kind.interval(y.astype(kind.dtype), np.isfinite(y), confidence)
         for j, way in enumerate(question.ways[i]):
             if way == "score":
-                found[:, i, j] = of_score(y, scores[j], confidence)
+                derivative[:, i, j] = of_score(y, scores[j], confidence)
                 growth[1, i, j] = carriers_of(terms_of(y, scores[j]))
                 continue
             if measure.kind == "quantile":
-                found[:, i, j] = of_quantile(y, rates[i, j], measure.number, confidence)
+                derivative[:, i, j] = of_quantile(y, rates[i, j], measure.number, confidence)
             else:
-                found[:, i, j] = of_mean(rates[i, j], confidence)
+                derivative[:, i, j] = of_mean(rates[i, j], confidence)
             growth[:, i, j] = growth_of(half[i, j], end[i, j], rates[i, j])
-    return found, value, *growth
+    return derivative, value, *growth
 
 
 def table(study: xr.Dataset) -> list[str]:

@@ -45,14 +45,14 @@ def eigenvalues(study: xr.Dataset) -> Figure:
         study.growth.values[others], study.frequency.values[others],
         marker=".", ls="", ms=4.0, color=GREY, label="symmetries and momenta",
     )  # fmt: skip
-    own = np.where(others, np.nan, study.growth.values + 1j * study.frequency.values)
-    for k, alike in enumerate(_groups(own)):
-        one = study.isel(motion=alike[0])
-        grows = one.stability.item() in UNSTABLE
+    values = np.where(others, np.nan, study.growth.values + 1j * study.frequency.values)
+    for k, alike in enumerate(_groups(values)):
+        motion = study.isel(motion=alike[0])
+        grows = motion.stability.item() in UNSTABLE
         style: dict[str, Any] = {"marker": MARKERS[k % 5], "ms": 7.0 + 2.0 * (k % 3), "ls": ""}
-        words = f"{_named(one)}: {count_text(len(alike), 'motion')}"
+        words = f"{_named(motion)}: {count_text(len(alike), 'motion')}"
         axes.plot(
-            own[alike[0]].real, own[alike[0]].imag, color=COLOURS[k % len(COLOURS)], zorder=3,
+            values[alike[0]].real, values[alike[0]].imag, color=COLOURS[k % len(COLOURS)], zorder=3,
             mfc=None if grows else "none", label=words,
             **style,
         )  # fmt: skip
@@ -62,9 +62,9 @@ def eigenvalues(study: xr.Dataset) -> Figure:
     return figure
 
 
-def _named(one: xr.Dataset) -> str:
+def _named(motion: xr.Dataset) -> str:
     """Return the stability of a motion in words, with what is known of the full motion."""
-    word, full = one.stability.item(), one.full_motion.item()
+    word, full = motion.stability.item(), motion.full_motion.item()
     return word if word in UNSTABLE or full == "unknown" else f"{word}, {full}"
 
 
@@ -99,9 +99,9 @@ def _branches(study: xr.Dataset) -> Figure:
     title = f"{study.attrs['title']}: steady motions along {in_symbols(study.attrs['along'])}"
     figure = new_figure(title, (7.2, 7.8))
     panels = figure.subplots(3, 1, sharex=True)
-    own = np.where(study.origin.values == MOTION, study.growth + 1j * study.frequency, np.nan)
+    values = np.where(study.origin.values == MOTION, study.growth + 1j * study.frequency, np.nan)
     curves = np.concatenate(
-        [study.energy.values[..., None], own.reshape(*study.energy.shape, -1)], axis=-1
+        [study.energy.values[..., None], values.reshape(*study.energy.shape, -1)], axis=-1
     )
     groups = _groups(curves.reshape(study.sizes["branch"], -1))
     for k, alike in enumerate(groups):
@@ -124,21 +124,21 @@ def _branches(study: xr.Dataset) -> Figure:
 
 
 def _draw_branch(
-    panels: NDArray[Any], one: xr.Dataset, k: int, onsets: NDArray[np.float64]
+    panels: NDArray[Any], branch: xr.Dataset, k: int, onsets: NDArray[np.float64]
 ) -> None:
     """Draw energy, growth rate and frequencies of a branch with bifurcations at `onsets`."""
-    value, own = one.value.values, one.origin.values == MOTION
-    grows, colour = np.isin(one.stability.values, UNSTABLE), COLOURS[k % len(COLOURS)]
-    energy = value, one.energy.values, grows
-    rate = _with_onsets(value, one.growth_rate.values, grows, onsets)
+    value, is_motion = branch.value.values, branch.origin.values == MOTION
+    grows, colour = np.isin(branch.stability.values, UNSTABLE), COLOURS[k % len(COLOURS)]
+    energy = value, branch.energy.values, grows
+    rate = _with_onsets(value, branch.growth_rate.values, grows, onsets)
     for axes, (x, y, thin) in zip(panels[:2], (energy, rate), strict=True):
         axes.plot(x, y, color=colour, lw=1.0, ls="--")
         axes.plot(x, np.where(thin, np.nan, y), color=colour, lw=2.4)
     turning: Axes = panels[2]
-    at, column = np.nonzero(own & (one.frequency.values >= 0.0))
+    at, column = np.nonzero(is_motion & (branch.frequency.values >= 0.0))
     turning.plot(
         value[at],
-        one.frequency.values[at, column],
+        branch.frequency.values[at, column],
         MARKERS[k % 5],
         ms=3.0,
         mfc="none",
@@ -157,8 +157,8 @@ def _with_onsets(
     at = np.searchsorted(value, onsets)
     inside = (at > 0) & (at < value.size)
     onsets, at = onsets[inside], at[inside]
-    known = np.isfinite(rate[at - 1] + rate[at]) & (grows[at - 1] != grows[at])
-    onsets, at = onsets[known], at[known]
+    changes = np.isfinite(rate[at - 1] + rate[at]) & (grows[at - 1] != grows[at])
+    onsets, at = onsets[changes], at[changes]
     return np.insert(value, at, onsets), np.insert(rate, at, 0.0), np.insert(grows, at, False)
 
 

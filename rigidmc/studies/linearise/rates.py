@@ -102,7 +102,7 @@ def rates_of(mechanics: Mechanics, q: Array, l: Array, t: Array | float = 0.0) -
     """
     count = q.shape[1]
     half = np.eye(3)[:, :, None] * np.full(count, 0.5)
-    turned = np.stack([np.stack(spin(tuple(q), tuple(one))) for one in half])
+    turned = np.stack([np.stack(spin(tuple(q), tuple(turn))) for turn in half])
     none = np.zeros((4, 3, count))
     attitude = DualArray(q, np.concatenate([turned, np.zeros((4, 4, count))]))
     slopes = np.concatenate([none[:3], np.eye(3)[:, :, None] + none[:3], none[:1]])

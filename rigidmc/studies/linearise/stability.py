@@ -108,7 +108,7 @@ def _linearise(system: System, state: States, j: Array, blur: float) -> Linearis
             rounding = min(DOUBLE, 1e3 * np.finfo(float).eps / max(cosine, 1e-300))
             errors.append(size * rounding + blur)
             values.append(complex(block_values[i]))
-            vectors.append(_whole(block_values[i], right[:, i], k, parts, blocks))
+            vectors.append(_eigenvector(block_values[i], right[:, i], k, parts, blocks))
     origins = (MOTION,) * len(rest) + (MOMENTUM,) * len(held) + (SYMMETRY,) * len(along)
     all_errors, count = np.array(errors), len(rest)
     word = stability_of(np.array(values[:count]), all_errors[:count], system.is_hamiltonian)
@@ -134,10 +134,10 @@ def has_energy_extreme(system: System, state: States, j: Array) -> bool:
     across = null_space(
         _span(inside) @ level.T if len(inside) else np.zeros((1, len(level))), ALIKE
     )
-    basis, whole = across @ level, cross_matrix(l + system.mechanics.wheel)
+    basis, of_momentum = across @ level, cross_matrix(l + system.mechanics.wheel)
 
     def form(matrix: Array) -> Array:
-        second = np.concatenate([whole @ matrix[:3] - matrix[3:], matrix[:3]])
+        second = np.concatenate([of_momentum @ matrix[:3] - matrix[3:], matrix[:3]])
         return np.asarray(basis @ second @ basis.T)
 
     still = standing(system, state)
@@ -177,7 +177,7 @@ def _span(rows: Array) -> Array:
     return np.asarray(span[: int((values > ALIKE).sum())])
 
 
-def _whole(
+def _eigenvector(
     value: complex, part: Any, k: int, parts: list[Array], blocks: list[list[Array]]
 ) -> Complex:
     """Return the eigenvector (6,) of J for one of a diagonal block; J is triangular by blocks.
@@ -187,8 +187,8 @@ def _whole(
     pieces = {k: part.astype(complex)}
     for above in range(k - 1, -1, -1):
         pushed = sum(blocks[above][j] @ piece for j, piece in pieces.items())
-        own = value * np.eye(len(parts[above])) - blocks[above][above]
-        pieces[above] = np.linalg.lstsq(own, pushed, rcond=1e-9)[0]
+        shifted = value * np.eye(len(parts[above])) - blocks[above][above]
+        pieces[above] = np.linalg.lstsq(shifted, pushed, rcond=1e-9)[0]
     vector = sum(parts[j].T @ piece for j, piece in pieces.items())
     return np.asarray(vector / np.linalg.norm(vector))
 

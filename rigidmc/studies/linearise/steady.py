@@ -73,11 +73,11 @@ def frames(system: System, states: States) -> tuple[Array, Array]:
 def held_momenta(system: System, q: Array, l: Array) -> Array:
     """Return the momenta (h, n) of states that a search holds: of each central generator, and half
     the square of the whole, if this is constant."""
-    whole = l.T + system.mechanics.wheel
+    total = l.T + system.mechanics.wheel
     up = system.central[:, :3] @ space_to_body(q).swapaxes(1, 2)
-    momenta = ((up + system.central[:, 3:]) * whole[:, None]).sum(2)
+    momenta = ((up + system.central[:, 3:]) * total[:, None]).sum(2)
     if system.conserves_size:
-        momenta = np.concatenate([momenta, 0.5 * (whole**2).sum(1, keepdims=True)], axis=1)
+        momenta = np.concatenate([momenta, 0.5 * (total**2).sum(1, keepdims=True)], axis=1)
     return np.asarray(momenta.T)
 
 
@@ -96,13 +96,13 @@ def residual(system: System, states: States, held: Array) -> tuple[Array, Array]
     slope[:, 3:, 3:6] += cross_matrix(m)
     slope[:, :3, 6:] = -(up + system.generators[:, 3:]).swapaxes(1, 2)
     slope[:, 3:, 6:] = -np.cross(l.T[:, None], system.generators[:, 3:]).swapaxes(1, 2)
-    whole, central = l.T + system.mechanics.wheel, system.central
+    total, central = l.T + system.mechanics.wheel, system.central
     up = central[:, :3] @ into.swapaxes(1, 2)
     rows = np.zeros((q.shape[1], len(held), 6 + k))
-    rows[:, : len(central), :3] = np.cross(whole[:, None], up)
+    rows[:, : len(central), :3] = np.cross(total[:, None], up)
     rows[:, : len(central), 3:6] = up + central[:, 3:]
     if system.conserves_size:
-        rows[:, -1, 3:6] = whole
+        rows[:, -1, 3:6] = total
     off = (held_momenta(system, q, l) - held).T
     return np.concatenate([value, off], axis=1), np.concatenate([slope, rows], axis=1)
 
@@ -214,19 +214,19 @@ def search_starts(system: System, q: Array, l: Array, count: int) -> States:
     start does, at the rates that give them its momenta. Of one state asked for, only the start is
     returned.
     """
-    own = with_frames(system, q[:, None], l[:, None])
+    first = with_frames(system, q[:, None], l[:, None])
     if count == 1:
-        return own
-    axis = (system.frame + own.c[:, 0] @ system.generators)[:3]
-    whole = space_to_body(own.q)[0].T @ (l + system.mechanics.wheel)
-    others = aligned_attitudes(whole if system.conserves_size else axis)
+        return first
+    axis = (system.frame + first.c[:, 0] @ system.generators)[:3]
+    total = space_to_body(first.q)[0].T @ (l + system.mechanics.wheel)
+    others = aligned_attitudes(total if system.conserves_size else axis)
     numbers = points(0, "sobol", tuple((STREAM, 0, i) for i in range(3)))
     u, v, w, _ = numbers.words(STREAM, 0, max(0, count - 1 - others.shape[1]), 0, range(3))
     others = np.concatenate([others, uniform_attitudes(u, v, w)], axis=1)
     if system.conserves_size:
-        momenta = (space_to_body(others) @ whole).T - system.mechanics.wheel[:, None]
+        momenta = (space_to_body(others) @ total).T - system.mechanics.wheel[:, None]
     else:
-        momenta = _turning_momenta(system, own, others)
+        momenta = _turning_momenta(system, first, others)
     both = np.concatenate([q[:, None], others], 1), np.concatenate([l[:, None], momenta], 1)
     return with_frames(system, *both)
 
@@ -250,15 +250,15 @@ def aligned_attitudes(axis: Array) -> Array:
     return np.array(multiply(tuple(np.asarray(base)[:, None]), tuple(np.asarray(turns).T)))
 
 
-def _turning_momenta(system: System, own: States, q: Array) -> Array:
+def _turning_momenta(system: System, state: States, q: Array) -> Array:
     """Return the momenta (3, n) of bodies at attitudes q that turn as one state does, with the
     central momenta of that state."""
-    turning = States(q, np.zeros((3, q.shape[1])), np.repeat(own.c, q.shape[1], axis=1))
+    turning = States(q, np.zeros((3, q.shape[1])), np.repeat(state.c, q.shape[1], axis=1))
     turn, m = frames(system, turning)
     moments = 1.0 / (system.mechanics.moment * np.array(system.mechanics.body[:3])[:, 0])
     w, central = turn + m, system.central
     ways = central[:, :3] @ space_to_body(q).swapaxes(1, 2) + central[:, 3:]
-    off = held_momenta(system, own.q, own.l).T
+    off = held_momenta(system, state.q, state.l).T
     off = off - ((moments * w + system.mechanics.wheel)[:, None] * ways).sum(2)
     inertia = (moments * ways) @ ways.swapaxes(1, 2)
     w = w + np.einsum("nd,ndi->ni", np.einsum("nij,nj->ni", np.linalg.pinv(inertia), off), ways)

@@ -183,7 +183,7 @@ def _along(
     values |= _of_bifurcations(bifurcations, size)
     about = {"long_name": name, "units": units}
     coordinates = {"branch": range(size), "value": ("value", grid, about), **LABELS}
-    motions = (one._replace(dims=one.dims.replace("motion", "branch value")) for one in MOTIONS)
+    motions = (x._replace(dims=x.dims.replace("motion", "branch value")) for x in MOTIONS)
     return make_dataset((*motions, *BIFURCATIONS), values, coordinates, {"along": name}, units)
 
 
@@ -248,13 +248,13 @@ def _numbers(motion: Motion) -> dict[str, Any]:
     }
 
 
-def _of_bifurcations(found: Sequence[Bifurcation], branches: int) -> dict[str, Any]:
+def _of_bifurcations(bifurcations: Sequence[Bifurcation], branches: int) -> dict[str, Any]:
     """Return the values of BIFURCATIONS."""
-    events = [b.event for b in found]
-    meets = [[i == b.event.branch or i in b.others for i in range(branches)] for b in found]
+    events = [b.event for b in bifurcations]
+    meets = [[i == b.event.branch or i in b.others for i in range(branches)] for b in bifurcations]
     return {
         "bifurcation_value": np.array([event.value for event in events]),
-        "bifurcation_kind": np.array([b.kind for b in found], str),
+        "bifurcation_kind": np.array([b.kind for b in bifurcations], str),
         "bifurcation_branch": np.array([event.branch for event in events], np.int64),
         "bifurcation_meets": np.array(meets, bool).reshape(-1, branches),
         "bifurcation_frequency": np.array([event.frequency for event in events]),

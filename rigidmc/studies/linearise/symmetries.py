@@ -62,7 +62,7 @@ def cross_matrix(a: Array) -> Array:
 def space_to_body(q: Array) -> Array:
     """Return the matrices A^T (n, 3, 3) of attitudes (4, n)."""
     zero = np.zeros(q.shape[1])
-    columns = [into_body(tuple(q), tuple(one[:, None] + zero)) for one in np.eye(3)]
+    columns = [into_body(tuple(q), tuple(axis[:, None] + zero)) for axis in np.eye(3)]
     return np.moveaxis(np.array(columns), -1, 0).swapaxes(1, 2)
 
 
@@ -99,8 +99,8 @@ def momentum_rows(mechanics: Mechanics, q: Array, l: Array, generators: Array) -
 
     The momentum of a generator is (A^T n + m) . (l + wheel).
     """
-    whole, up = l + mechanics.wheel, generators[:, :3] @ space_to_body(q[:, None])[0].T
-    return np.concatenate([np.cross(whole, up), up + generators[:, 3:]], axis=1)
+    total, up = l + mechanics.wheel, generators[:, :3] @ space_to_body(q[:, None])[0].T
+    return np.concatenate([np.cross(total, up), up + generators[:, 3:]], axis=1)
 
 
 def orbit_rows(q: Array, l: Array, generators: Array) -> Array:
@@ -139,29 +139,29 @@ def find_symmetries(mechanics: Mechanics) -> System:
     still = null_space(free[:, 3:4].T, 1e-9) @ free if len(free) > 1 else np.empty((0, 7))
     generators = tidied(np.delete(still, 3, axis=1))
     up, m = generators[:, :3] @ into.swapaxes(1, 2), generators[:, 3:]
-    whole = l.T + mechanics.wheel
+    total = l.T + mechanics.wheel
     # rates (n, k) of the momenta
-    moved = ((np.cross(w, whole) + f)[:, None] * up).sum(2) + f @ m.T
+    moved = ((np.cross(w, total) + f)[:, None] * up).sum(2) + f @ m.T
     conserved = _null_part(moved, generators)
     brackets = [np.cross(conserved[:, None, part], generators[:, part]) for part in PARTS]
     flat = np.concatenate(brackets, axis=2).reshape(len(conserved), 6 * len(generators))
     central = _null_part(flat.T, conserved)
-    growth = (whole * f).sum(1)
-    has_size = bool(np.abs(growth).max() < ZERO * max(1.0, (np.abs(whole) * np.abs(f)).max()))
-    is_hamiltonian = _is_hamiltonian(rates, whole)
+    growth = (total * f).sum(1)
+    has_size = bool(np.abs(growth).max() < ZERO * max(1.0, (np.abs(total) * np.abs(f)).max()))
+    is_hamiltonian = _is_hamiltonian(rates, total)
     return System(mechanics, frame, generators, conserved, central, has_size, is_hamiltonian)
 
 
-def _is_hamiltonian(rates: Rates, whole: Array) -> bool:
-    """Return whether w = dH/dl and f = whole x w - dV/dx, from rates at random states.
+def _is_hamiltonian(rates: Rates, total: Array) -> bool:
+    """Return whether w = dH/dl and f = total x w - dV/dx, from rates at random states.
 
-    The torque tau = f - whole x w then does not depend on l, and turns about the body axes, which
+    The torque tau = f - total x w then does not depend on l, and turns about the body axes, which
     do not commute, give dtau/dx - (dtau/dx)^T = tau x.
     """
     w, f = rates.value[:, :3], rates.value[:, 3:]
     inverse, by_x = rates.slope[:, :3, 3:6], rates.slope[:, 3:, :3]
-    tau = f - np.cross(whole, w)
-    by_l = rates.slope[:, 3:, 3:6] + cross_matrix(w) - cross_matrix(whole) @ inverse
+    tau = f - np.cross(total, w)
+    by_l = rates.slope[:, 3:, 3:6] + cross_matrix(w) - cross_matrix(total) @ inverse
     curl = by_x - by_x.swapaxes(1, 2) - cross_matrix(tau)
     slip = rates.slope[:, :3, :3], inverse - inverse.swapaxes(1, 2)
     # the rates are in the scene's own units

@@ -42,11 +42,11 @@ def _draw(axes: Any, values: xr.DataArray, label: str, place: int) -> None:
     """Draw the quartiles of values (time, member) over time, in the colour and with the marker of a
     place."""
     rows = values.transpose("time", "member").values
-    known = np.isfinite(rows).any(axis=1)
-    if not known.any():
+    has_values = np.isfinite(rows).any(axis=1)
+    if not has_values.any():
         return
-    low, middle, high = np.nanquantile(rows[known], [0.25, 0.5, 0.75], axis=1)
-    times = values.time.values[known]
+    low, middle, high = np.nanquantile(rows[has_values], [0.25, 0.5, 0.75], axis=1)
+    times = values.time.values[has_values]
     colour, marked = COLOURS[place], (0.02 * place, 0.15)  # of the length of the axes
     style = {"marker": MARKERS[place], "markevery": marked, "ms": 4.0, "lw": 1.2}
     axes.plot(times, middle, color=colour, label=label, **style)

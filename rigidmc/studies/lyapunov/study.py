@@ -37,8 +37,8 @@ Examples
 A body that spins down at the rate 0.3/s: volumes shrink at three times this rate.
 
 >>> scene = rm.Scene(rm.Body((1.0, 1.0, 1.0)), rm.ViscousDamping(0.3))
->>> found = rm.lyapunov(scene, members=2, integrator="rk4", dt=0.01, t_end=20.0)
->>> bool(abs(found["sum"] + 0.9).max() < 1e-9)
+>>> study = rm.lyapunov(scene, members=2, integrator="rk4", dt=0.01, t_end=20.0)
+>>> bool(abs(study["sum"] + 0.9).max() < 1e-9)
 True
 """
 
@@ -137,26 +137,26 @@ def start(
     return run.scene.with_run(every=interval), {"keep": keep, "size": lanes * layout.LANES}
 
 
-def _interval(run: PreparedRun, given: float | None, every: float | None) -> tuple[float, int]:
+def _interval(run: PreparedRun, interval: float | None, every: float | None) -> tuple[float, int]:
     """Return (time between two orthonormalisations [s], their number between two saves).
 
-    given : the time, None for a whole number of steps that turn the first members by TURN
+    interval : the time, None for a whole number of steps that turn the first members by TURN
     every : time between two saves [s], None for SAVES of them
     """
     scene, plan = run.scene, run.plan
     t_end, dt = float(scene.run.t_end), scene.run.dt
-    if given is None:
+    if interval is None:
         pilot = make_pilot(plan.model.coarse(), run.sampler, True).block
         # a body at rest that nothing moves has no rate
         rate = largest_rates(plan.model.effects, pilot)[1] or math.inf
-        given = float(TURN / (rate if run.units is None else rate * run.units.time))
+        interval = float(TURN / (rate if run.units is None else rate * run.units.time))
         if scene.run.turn is None:
             # rounded, because 3 steps of 0.1 s are 0.30000000000000004 s
-            given = float(f"{max(1, math.floor(given / dt)) * dt:.15g}")
-    given = min(given, t_end)
+            interval = float(f"{max(1, math.floor(interval / dt)) * dt:.15g}")
+    interval = min(interval, t_end)
     if every is None:
-        return given, max(1, math.ceil(t_end / given / SAVES * (1.0 - 1e-9)))
-    keep = max(1, math.ceil(every / given * (1.0 - 1e-9)))
+        return interval, max(1, math.ceil(t_end / interval / SAVES * (1.0 - 1e-9)))
+    keep = max(1, math.ceil(every / interval * (1.0 - 1e-9)))
     return min(every, t_end) / keep, keep
 
 

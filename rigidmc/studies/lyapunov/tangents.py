@@ -64,12 +64,12 @@ def orthonormalise(vectors: Array, size: int) -> Array:
     """
     # Sums run over rows, member by member: no result depends on the other members.
     r = np.zeros((COUNT, COUNT, vectors.shape[-1]))
-    for i, one in enumerate(vectors):
-        r[i, i] = np.sqrt((one[:size] ** 2).sum(axis=0))
-        one /= r[i, i]
+    for i, vector in enumerate(vectors):
+        r[i, i] = np.sqrt((vector[:size] ** 2).sum(axis=0))
+        vector /= r[i, i]
         others = vectors[i + 1 :]
-        r[i, i + 1 :] = (one[:size] * others[:, :size]).sum(axis=1)
-        others -= r[i, i + 1 :, None] * one
+        r[i, i + 1 :] = (vector[:size] * others[:, :size]).sum(axis=1)
+        others -= r[i, i + 1 :, None] * vector
     return r
 
 
