@@ -24,10 +24,10 @@ def multilevel_levels(study: xr.Dataset, figure: Figure | None = None) -> Figure
     _corrections(axes[0], study)
     _members(axes[1], study)
     _costs(axes[2], study)
-    for one in axes:
-        one.grid(True, lw=0.3, color=LIGHT)
-        one.set_axisbelow(True)
-        one.legend(fontsize=8, frameon=False)
+    for panel in axes:
+        panel.grid(True, lw=0.3, color=LIGHT)
+        panel.set_axisbelow(True)
+        panel.legend(fontsize=8, frameon=False)
     return figure_of(axes[0])
 
 

@@ -1,11 +1,11 @@
 """Mean and covariance of what a scene draws, and the scene whose numbers are the means."""
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.planning.initial import uncertain_numbers
@@ -87,26 +87,17 @@ def of_distributions(scene: Scene) -> tuple[list[str], Array]:
     blocks: list[Array] = []
     for name in uncertain_numbers(scene.model)[0]:
         value = value_at(scene.model, name)
-        whole = value if isinstance(value, Correlated) else whole_of(value)
-        if whole is not None:
+        vector = value if isinstance(value, Correlated) else whole_of(value)
+        if vector is not None:
             names += [f"{name}.{i}" for i in (1, 2, 3)]
-            blocks.append(np.array(whole.covariance))
+            blocks.append(np.array(vector.covariance))
         else:
             names.append(name)
             blocks.append(np.array([[moments_of(value)[1]]]))
     if not names:
         rule = "nothing in the scene is drawn: give `covariance` or `deviations`, and `wrt`"
         raise SceneError(rule, at="scene", table="")
-    return names, _diagonal(blocks)
-
-
-def _diagonal(blocks: Sequence[Array]) -> Array:
-    """Return the matrix with these blocks on its diagonal."""
-    found, at = np.zeros((sum(len(one) for one in blocks),) * 2), 0
-    for one in blocks:
-        found[at : at + len(one), at : at + len(one)] = one
-        at += len(one)
-    return found
+    return names, block_diag(*blocks)
 
 
 def checked_covariance(value: Any, size: int) -> Array:
@@ -128,8 +119,7 @@ def checked_covariance(value: Any, size: int) -> Array:
     if np.linalg.eigvalsh(0.5 * (unitless + unitless.T)).min() < -ROUNDING * size:
         rule = "expected no negative variance in any direction (positive semidefinite)"
         raise OptionError(rule, at="covariance", value=value)
-    symmetric: Array = 0.5 * (matrix + matrix.T)
-    return symmetric
+    return np.asarray(0.5 * (matrix + matrix.T))
 
 
 def draw_normal(covariance: Array, count: int, seed: int) -> Array:
@@ -140,5 +130,4 @@ def draw_normal(covariance: Array, count: int, seed: int) -> Array:
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     factor = scale[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None))
     z = np.random.default_rng([seed, 0x636F76]).standard_normal((count, len(values)))
-    drawn: Array = factor @ z.T
-    return drawn
+    return np.asarray(factor @ z.T)

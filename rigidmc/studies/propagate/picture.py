@@ -71,11 +71,11 @@ def _panel(axes: Axes, study: xr.Dataset, x: str, y: str) -> None:
     at = study.sel(time=time, method="nearest")
     points = study.sample.sel(row=[x, y]).values
     axes.plot(*points, ".", ms=2.0, color=LIGHT, rasterized=True, label="members")
-    own = at.bias.sel(row=[x, y]).values
+    mean = at.bias.sel(row=[x, y]).values
     largest = []
     for key, centre, style, colour, word in (
         ("covariance", np.zeros(2), "-", INK, "linear, 1 and 2 standard deviations"),
-        ("sample_covariance", own, "--", COLOURS[0], "ensemble"),
+        ("sample_covariance", mean, "--", COLOURS[0], "ensemble"),
     ):
         matrix = at[key].sel(row=[x, y], column=[x, y]).values
         for sigma in SIGMAS if np.isfinite(matrix).all() else ():

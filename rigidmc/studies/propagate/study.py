@@ -175,18 +175,18 @@ def input_of(scene: Scene, options: PropagateOptions) -> Input:
     return Input(nominal, chosen, np.diag(np.square(deviations)))
 
 
-def ensemble_of(given: Input, threads: int | None) -> "Iterator[tuple[Array, Any]]":
+def ensemble_of(inputs: Input, threads: int | None) -> "Iterator[tuple[Array, Any]]":
     """Yield (deviations of the parameters (P, n), result) of the members, BATCH at a time."""
-    means = {name: float(value_at(given.nominal.model, name)) for name in given.names}
-    members, seed = given.nominal.run.members, given.nominal.run.seed
-    if given.scene is None:
-        run = prepare(given.nominal, varied=given.names)
-        drawn = draw_normal(given.covariance, members, seed)
+    means = {name: float(value_at(inputs.nominal.model, name)) for name in inputs.names}
+    members, seed = inputs.nominal.run.members, inputs.nominal.run.seed
+    if inputs.scene is None:
+        run = prepare(inputs.nominal, varied=inputs.names)
+        drawn = draw_normal(inputs.covariance, members, seed)
     else:
-        run = prepare_scene(given.scene)  # another scene: it draws from its own distributions
+        run = prepare_scene(inputs.scene)  # another scene: it draws from its own distributions
     for low in range(0, members, BATCH):
         some = range(low, min(low + BATCH, members))
-        if given.scene is None:
+        if inputs.scene is None:
             away = drawn[:, some.start : some.stop]
             pairs = zip(means.items(), away, strict=True)
             part = run.run(values={name: mean + x for (name, mean), x in pairs}, threads=threads)
@@ -227,15 +227,15 @@ def deviations_of(result: xr.Dataset, nominal: xr.Dataset, names: tuple[str, ...
     """Return the deviations (time, row, member) of good members from the nominal one."""
     good, parts = result.status.values == 0, []
     for name in names:
-        values, own = rows_in_time(result, name)[..., good], rows_in_time(nominal, name)
+        values, origin = rows_in_time(result, name)[..., good], rows_in_time(nominal, name)
         if "quat" in result[name].dims:
-            back = np.moveaxis(own, 1, -1) * (1.0, -1.0, -1.0, -1.0)
+            back = np.moveaxis(origin, 1, -1) * (1.0, -1.0, -1.0, -1.0)
             turned = product(
                 np.broadcast_to(back, (*values.shape[::2], 4)), np.moveaxis(values, 1, -1)
             )
             parts.append(np.moveaxis(rotation_vector(turned), -1, 1))
         else:
-            parts.append(values - own)
+            parts.append(values - origin)
     return np.concatenate(parts, axis=1)
 
 
@@ -243,15 +243,15 @@ def compute(
     scene: Scene, options: PropagateOptions, threads: int | None, progress: Any
 ) -> xr.Dataset:
     """Compute the study of a scene and return its Dataset."""
-    given = input_of(scene, options)
+    inputs = input_of(scene, options)
     # one choice of integrator and step for all
-    run = prepare_scene(first_and_last(given.nominal))
+    run = prepare_scene(first_and_last(inputs.nominal))
     if run.choice is not None:
         keys = "integrator", "dt", "turn", "dtype"
         chosen = {key: getattr(run.scene.run, key) for key in keys}
-        ensemble = given.scene and given.scene.with_run(**chosen)
-        given = given._replace(nominal=given.nominal.with_run(**chosen), scene=ensemble)
-    nominal = run.run(members=1, wrt=given.names, threads=threads)
+        ensemble = inputs.scene and inputs.scene.with_run(**chosen)
+        inputs = inputs._replace(nominal=inputs.nominal.with_run(**chosen), scene=ensemble)
+    nominal = run.run(members=1, wrt=inputs.names, threads=threads)
     if nominal.status.item() != 0:
         rule = "the member whose numbers are the means is flagged: it has no linear covariance"
         raise SceneError(rule, at="scene")
@@ -259,11 +259,11 @@ def compute(
     jacobian = jacobian_of(nominal, options.of)
     last = nominal.sizes["time"] - 1
     at = np.unique(np.linspace(0, last, PANELS + 1).round().astype(int)[1:])
-    good, found = compare(given, options.of, nominal, jacobian, at, threads)
-    linear = jacobian @ given.covariance @ np.swapaxes(jacobian, -1, -2)
-    found |= {"covariance": linear, "jacobian": jacobian, "parameter_covariance": given.covariance}
-    values = {variable.name: found[variable.name] for variable in VARIABLES}
-    names, model = list(given.names), given.nominal.model
+    good, arrays = compare(inputs, options.of, nominal, jacobian, at, threads)
+    arrays["covariance"] = jacobian @ inputs.covariance @ np.swapaxes(jacobian, -1, -2)
+    arrays |= {"jacobian": jacobian, "parameter_covariance": inputs.covariance}
+    values = {variable.name: arrays[variable.name] for variable in VARIABLES}
+    names, model = list(inputs.names), inputs.nominal.model
     coordinates = {
         "time": nominal.time,
         "row": rows,
@@ -275,16 +275,16 @@ def compute(
         "sample_time": ("sample_time", nominal.time.values[at], nominal.time.attrs),
     }
     attrs = {
-        "title": given.nominal.title,
+        "title": inputs.nominal.title,
         "members": options.members,
         "left_out": options.members - good,
-        "scene": (given.scene or given.nominal).dumps(),
+        "scene": (inputs.scene or inputs.nominal).dumps(),
     }
     return make_dataset(VARIABLES, values, coordinates, attrs)
 
 
 def compare(
-    given: Input, of: tuple[str, ...], nominal: xr.Dataset, jacobian: Array,
+    inputs: Input, of: tuple[str, ...], nominal: xr.Dataset, jacobian: Array,
     at: NDArray[np.int64], threads: int | None,
 ) -> tuple[int, dict[str, Array]]:  # fmt: skip
     """Return (number of good members, variables of the ensemble).
@@ -293,8 +293,8 @@ def compare(
     """
     shape, kept = jacobian.shape[:2], []
     good, first, missed, second = 0, np.zeros(shape), np.zeros(shape), np.zeros((*shape, shape[1]))
-    with reporter(True, given.nominal.run.members, 1) as report:
-        for away, part in ensemble_of(given, threads):
+    with reporter(True, inputs.nominal.run.members, 1) as report:
+        for away, part in ensemble_of(inputs, threads):
             is_good = part.status.values == 0
             moved = deviations_of(part, nominal, of)
             rest = moved - jacobian @ away[:, is_good]
@@ -310,19 +310,19 @@ def compare(
         sample = second - good * bias[..., None] * bias[:, None, :]
         sample = np.divide(sample, good - 1) if good > 1 else np.full_like(sample, np.nan)
         squares = np.diagonal(second, axis1=-2, axis2=-1)
-        is_known = squares > good * rounding_of(given, nominal) ** 2
+        is_known = squares > good * rounding_of(inputs, nominal) ** 2
         share = np.where(is_known, missed / squares, np.nan)
     shown = np.concatenate(kept, axis=-1)[..., :KEPT]
     return good, {"sample_covariance": sample, "bias": bias, "missed": share, "sample": shown}
 
 
-def rounding_of(given: Input, nominal: xr.Dataset) -> Array:
+def rounding_of(inputs: Input, nominal: xr.Dataset) -> Array:
     """Return the deviation of each row (row,) below which members differ by rounding alone."""
     sizes = []
-    for name in given.nominal.run.save:
+    for name in inputs.nominal.run.save:
         values = np.abs(rows_in_time(nominal, name)).max(axis=(0, 2))
         sizes.append(np.full(3, np.pi) if "quat" in nominal[name].dims else values)
-    return ULPS * resolution_of(given.nominal.run) * np.concatenate(sizes)
+    return ULPS * resolution_of(inputs.nominal.run) * np.concatenate(sizes)
 
 
 def linear_until(study: xr.Dataset) -> float:
@@ -343,14 +343,14 @@ def table(study: xr.Dataset) -> list[str]:
         f"  {'standard deviation of':24s} {'linear':>12s} {'ensemble':>12s} {'mean shift':>12s}"
         f" {'missed':>8s}",
     ]
-    own, linear = (
-        np.sqrt(np.diagonal(last[key].values)) for key in ("sample_covariance", "covariance")
-    )
+    keys = "covariance", "sample_covariance"
+    linear, sample = (np.sqrt(np.diagonal(last[key].values)) for key in keys)
     for i, row in enumerate(study.row.values):
         name = with_units(str(row), str(study.unit.values[i]))
         share = _percent(float(last.missed[i]))
         lines.append(
-            f"  {name:24s} {linear[i]:12.5g} {own[i]:12.5g} {float(last.bias[i]):12.4g} {share:>8s}"
+            f"  {name:24s} {linear[i]:12.5g} {sample[i]:12.5g} {float(last.bias[i]):12.4g}"
+            f" {share:>8s}"
         )
     error = 100.0 / np.sqrt(2.0 * max(1, a["members"] - a["left_out"]))
     until = linear_until(study)

@@ -125,16 +125,16 @@ def _walked(
     """
     spread = np.minimum(1.0, z.std(axis=1, keepdims=True))
     all_z, all_scores, walk = [z], [scores], 0
-    while (missing := members - sum(one.size for one in all_scores)) > 0:
+    while (missing := members - sum(some.size for some in all_scores)) > 0:
         z, scores = z[:, :missing], scores[:missing]
         width = np.minimum(1.0, pace * spread)
         if made.rows is not None:  # every other step keeps the row: adjacent rows may differ much
             width = np.vstack([width[:-1], np.zeros(1) if walk % 2 else np.ones(1)])
         normals = made.normals(scores.size, f"rare.walk.{number}", walk)
         tried = np.clip(np.sqrt(1.0 - width**2) * z + width * normals, -FARTHEST, FARTHEST)
-        found = made.scores(tried)
-        taken = found >= level
-        z, scores = np.where(taken, tried, z), np.where(taken, found, scores)
+        new_scores = made.scores(tried)
+        taken = new_scores >= level
+        z, scores = np.where(taken, tried, z), np.where(taken, new_scores, scores)
         walk += 1
         pace = float(np.clip(pace * np.exp((taken.mean() - ACCEPTED) / np.sqrt(walk)), 1e-3, 10.0))
         all_z.append(z)

@@ -45,19 +45,19 @@ def section_points(
     every = max(1, -(-members.size // POINTS))
     size = float(np.clip(3000.0 / max(1, members.size), 0.15, 6.0))
     style: dict[str, Any] = {"s": size, "linewidths": 0.0, "rasterized": True}
-    own = np.unique(members)
+    shown = np.unique(members)
     if differ_in_energy(study):
-        across, up, energy = (one[::every] for one in (*values, study.energy.values))
+        across, up, energy = (x[::every] for x in (*values, study.energy.values))
         dots = axes.scatter(across, up, c=energy, cmap=VALUES, **style)
         figure.colorbar(dots, ax=axes).set_label(axis_label(study.energy))
         add_title(axes, "colours: energies; curves of different energies may cross")
-    elif own.size <= FEW:
-        for k, member in enumerate(own):
+    elif shown.size <= FEW:
+        for k, member in enumerate(shown):
             there = np.flatnonzero(members == member)[::every]
-            axes.scatter(*(one[there] for one in values), color=COLOURS[k], **style)
+            axes.scatter(*(x[there] for x in values), color=COLOURS[k], **style)
         add_title(axes, "colours: members")
     else:
-        axes.scatter(*(one[::every] for one in values), color=INK, **style)
+        axes.scatter(*(x[::every] for x in values), color=INK, **style)
     axes.set(**{
         key: with_units(in_symbols(name), "deg") if name in EULER else label_of(study, name)
         for key, name in zip(("xlabel", "ylabel"), names, strict=True)
@@ -72,10 +72,10 @@ def differ_in_energy(study: xr.Dataset) -> bool:
     if "energy" not in study or not study.sizes["point"]:  # of a result without it
         return False
     energy = study.energy.values
-    own = np.unique(study.member.values, return_inverse=True)[1]
-    low, high = np.full(own.max() + 1, np.inf), np.full(own.max() + 1, -np.inf)
-    np.minimum.at(low, own, energy)
-    np.maximum.at(high, own, energy)
+    place = np.unique(study.member.values, return_inverse=True)[1]
+    low, high = np.full(place.max() + 1, np.inf), np.full(place.max() + 1, -np.inf)
+    np.minimum.at(low, place, energy)
+    np.maximum.at(high, place, energy)
     apart = float(np.ptp(low))
     return apart > SAME * np.abs(energy).max() and float((high - low).max()) < KEPT * apart
 
@@ -87,13 +87,11 @@ def _chosen(study: xr.Dataset, x: str | None, y: str | None) -> tuple[str, str]:
     vector = name if name in study and study[name].dims[:1] == ("axis",) else ""
     vector = vector or ("omega" if "omega" in study else "momentum")
     crossed = match["component"] if match and vector == name else "3"
-    known = [f"{vector}[{i}]" for i in (1, 2, 3) if str(i) != crossed]
-    values = np.stack([_values(study, name) for name in known])
+    components = [f"{vector}[{i}]" for i in (1, 2, 3) if str(i) != crossed]
+    values = np.stack([_values(study, name) for name in components])
     size = SAME * np.abs(values).max(initial=0.0)
-    vary = [
-        name for name, one in zip(known, values, strict=True) if one.size and np.ptp(one) > size
-    ]
-    first, second = (vary[0], "theta") if len(vary) == 1 else known
+    vary = [name for name, x in zip(components, values, strict=True) if x.size and np.ptp(x) > size]
+    first, second = (vary[0], "theta") if len(vary) == 1 else components
     return x or first, y or second
 
 
@@ -105,18 +103,17 @@ def _values(study: xr.Dataset, text: str) -> NDArray[np.float64]:
         )
     match = _NAME.fullmatch(text.strip())
     name, component = (match["name"], match["component"]) if match else (text, None)
-    known = [*(str(n) for n, v in study.data_vars.items() if "point" in v.dims), *EULER]
-    if name not in known:
-        rule = f"is not a quantity of the section; known: {', '.join(known)}; --save adds others"
-        raise OptionError(rule, at="x and y", value=text, nearest=nearest(name, known))
-    one = study[name]
-    if one.ndim == 2:
-        labels = [str(label) for label in one[one.dims[0]].values]
+    names = [*(str(n) for n, v in study.data_vars.items() if "point" in v.dims), *EULER]
+    if name not in names:
+        rule = f"is not a quantity of the section; known: {', '.join(names)}; --save adds others"
+        raise OptionError(rule, at="x and y", value=text, nearest=nearest(name, names))
+    variable = study[name]
+    if variable.ndim == 2:
+        labels = [str(label) for label in variable[variable.dims[0]].values]
         if component not in labels:
             rule = f"expected one of the components {', '.join(labels)}, as in {name}[{labels[0]}]"
             raise OptionError(rule, at="x and y", value=text)
-        one = one[labels.index(component)]
+        variable = variable[labels.index(component)]
     elif component is not None:
         raise OptionError(f"{name} has no components", at="x and y", value=text)
-    values: NDArray[np.float64] = one.values
-    return values
+    return np.asarray(variable.values)

@@ -83,11 +83,11 @@ class CrossingPaths:
         m, spans = self._m, self.spans
         refuse_uncompilable(scene.effects)
         sampler = make_sampler(scene.model, scene.run)
-        block, given = initial_block_of(scene.model, sampler, members)
+        block, start = initial_block_of(scene.model, sampler, members)
         end = layout.EFFECTS + parameter_count(*scene.effects)
         axes: tuple[Any, ...] = ()
         if scene.body.is_turned and scene.body.frame == "described":
-            axes = body_axes(tuple(given["principal_axes"]))
+            axes = body_axes(tuple(start["principal_axes"]))
         rows_of_axes = np.reshape(tree_leaves(axes), (-1, block.shape[1]))
         body_rows, effect_rows = np.split(block[layout.BODY : end], [layout.EFFECTS - layout.BODY])
         table = np.concatenate([body_rows, rows_of_axes, effect_rows]).T
@@ -100,7 +100,7 @@ class CrossingPaths:
             body._replace(axes=body_axes((1.0, 0.0, 0.0, 0.0)) if axes else ()),
             blank(scene.effects), observables, INTEGRATORS["rk8"], 0.0, 0.0, (0.0,) * 4, (0.0,) * 3,
         )  # fmt: skip
-        self._width = 7 + sum(size(one.dims) for one in observables)
+        self._width = 7 + sum(size(observable.dims) for observable in observables)
         self._threads = threads
         at = block[:, m]
         at[layout.ATTITUDE : layout.EXTRA] = self._start
@@ -150,14 +150,14 @@ class CrossingPaths:
                 return
 
 
-def _apart(one: Array, two: Array, size: Array) -> Array:
+def _apart(coarse: Array, fine: Array, size: Array) -> Array:
     """Return the larger distance of states (7, ...): of attitudes [rad], or of momenta relative to
     the largest of the two and `size`; inf for nan."""
-    turned = 2.0 * np.linalg.norm(one[:4] - two[:4], axis=0)
-    sizes = np.maximum(np.linalg.norm(one[4:7], axis=0), np.linalg.norm(two[4:7], axis=0))
+    turned = 2.0 * np.linalg.norm(coarse[:4] - fine[:4], axis=0)
+    sizes = np.maximum(np.linalg.norm(coarse[4:7], axis=0), np.linalg.norm(fine[4:7], axis=0))
     sizes = np.maximum(sizes, size)
     # avoid division by zero for a body at rest without torques
-    pushed = np.linalg.norm(one[4:7] - two[4:7], axis=0) / np.where(sizes > 0.0, sizes, 1.0)
+    pushed = np.linalg.norm(coarse[4:7] - fine[4:7], axis=0) / np.where(sizes > 0.0, sizes, 1.0)
     return np.asarray(np.nan_to_num(np.maximum(turned, pushed), nan=np.inf))
 
 
@@ -269,11 +269,11 @@ def find_crossings(
     """
     level = crossing.of.values(part) - crossing.value
     good = _good(part)
-    found = crossing.happens(level[:-1], level[1:]) & good[1:]
-    m, k = np.nonzero(found.T)
+    crosses = crossing.happens(level[:-1], level[1:]) & good[1:]
+    m, k = np.nonzero(crosses.T)
     times, members = part.time.values, part.member.values
-    known = in_principal_axes(part)
-    start = np.concatenate([rows_in_time(known, name)[k, :, m].T for name in STATE])
+    in_axes = in_principal_axes(part)
+    start = np.concatenate([rows_in_time(in_axes, name)[k, :, m].T for name in STATE])
     spans = times[k + 1] - times[k]
     dt = float(part.attrs.get("dt", np.inf))
     paths = CrossingPaths(
@@ -285,16 +285,17 @@ def find_crossings(
     # The run crosses the value, but the more accurate path from its last save may just miss it, by
     # less than the error of the run: the crossing is then at the next save.
     missed &= still > JUMP * ends
-    whole = ~missed & (still <= JUMP * ends)  # an angle that jumps from pi to -pi does not cross 0
-    values = paths.after((share * spans)[whole], np.flatnonzero(whole))
-    off = np.abs((values[:4] ** 2).sum(axis=0) - (start[:4, whole] ** 2).sum(axis=0))
-    sure = (off < UNIT) & paths.sure[whole]
+    # an angle that jumps from pi to -pi does not cross 0
+    is_crossing = ~missed & (still <= JUMP * ends)
+    values = paths.after((share * spans)[is_crossing], np.flatnonzero(is_crossing))
+    off = np.abs((values[:4] ** 2).sum(axis=0) - (start[:4, is_crossing] ** 2).sum(axis=0))
+    sure = (off < UNIT) & paths.sure[is_crossing]
     lost = int(missed.sum()) + int((~sure).sum())
-    values, which = values[:, sure], np.flatnonzero(whole)[sure]
+    values, which = values[:, sure], np.flatnonzero(is_crossing)[sure]
     columns, row = {}, 7
-    for name, one in observed.items():
-        columns[name] = values[row : row + size(one.dims)]
-        row += size(one.dims)
+    for name, observable in observed.items():
+        columns[name] = values[row : row + size(observable.dims)]
+        row += size(observable.dims)
     time = (times[k] + share * spans)[which]
     return {"member": members[m[which]], "time": time, **columns}, lost
 

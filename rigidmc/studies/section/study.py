@@ -131,7 +131,9 @@ def reduce(batches: Batches, options: SectionOptions) -> xr.Dataset:
     crossing = None if period_of(scene, at) else crossing_of(scene, at, options.way)
     wider = _saving(scene, *((crossing.of.name,) if crossing else ()))
     recorded = wider.recording.recorded.items()
-    observed = {name: one for name, one in recorded if of_the_state(scene.recording, name)}
+    observed = {
+        name: observable for name, observable in recorded if of_the_state(scene.recording, name)
+    }
     parts, flagged, lost = list[dict[str, Array]](), 0, 0
     about: dict[str, Any] = {
         "member": {"long_name": "index of the member"},

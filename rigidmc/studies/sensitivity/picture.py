@@ -22,27 +22,27 @@ def sensitivity_bars(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     size = 8.0, count * (1.2 + 0.5 * numbers) + 0.8
     figure = figure or new_figure(title, size)
     for i, text in enumerate(study.measure.values):
-        one = study.sel(measure=text)
-        one = one.isel(number=np.argsort(one.total.values, kind="stable"))
+        rows = study.sel(measure=text)
+        rows = rows.isel(number=np.argsort(rows.total.values, kind="stable"))
         axes = figure.add_subplot(count, 1, i + 1)
         for name, shift, colour, label in (
             ("first", 0.2, MEDIAN, "alone"),
             ("total", -0.2, CORE, "together with others"),
         ):
-            value = one[name].values
-            ends = np.abs(np.stack([one[f"{name}_low"] - value, one[f"{name}_high"] - value]))
+            value = rows[name].values
+            ends = np.abs(np.stack([rows[f"{name}_low"] - value, rows[f"{name}_high"] - value]))
             places = np.arange(numbers) + shift
             axes.barh(places, np.maximum(value, 0.0), 0.36, color=colour, label=label)
             axes.errorbar(value, places, xerr=ends, fmt="none", ecolor=INK, lw=1.0, capsize=2.0)
-        axes.set_yticks(np.arange(numbers), [in_symbols(str(name)) for name in one.number.values])
-        limit = max(1.0, 1.05 * float(one.total_high.max()))
+        axes.set_yticks(np.arange(numbers), [in_symbols(str(name)) for name in rows.number.values])
+        limit = max(1.0, 1.05 * float(rows.total_high.max()))
         axes.set_xlim(0.0, limit)
-        if "bound" in one:
-            _draw_bounds(axes, one.bound.values, limit)
+        if "bound" in rows:
+            _draw_bounds(axes, rows.bound.values, limit)
         axes.set_xlabel(f"{in_symbols(text)}: fraction of the variance between members")
         axes.grid(True, axis="x", lw=0.3, color=LIGHT)
         axes.set_axisbelow(True)
-        legend_above(axes, 3 if "bound" in one else 2)
+        legend_above(axes, 3 if "bound" in rows else 2)
     return figure_of(axes)
 
 

@@ -338,14 +338,14 @@ def table(study: xr.Dataset) -> list[str]:
     """Return the study as lines of text, the most important parameter first."""
     lines = [study.attrs["title"]]
     for text in study.measure.values:
-        one = study.sel(measure=text)
-        families = count_text(int(one.families), "family")
+        row = study.sel(measure=text)
+        families = count_text(int(row.families), "family")
         members = f"{families} of {2 + study.sizes['number']} members"
-        if not one.families:
+        if not row.families:
             lines.append(f"  {text}: no family has a value")
             continue
-        lines.append(f"  {text} = {float(one['mean']):.6g}, {members}")
-        lines += _shares(one)
+        lines.append(f"  {text} = {float(row['mean']):.6g}, {members}")
+        lines += _shares(row)
     if left := study.attrs["left_out"]:
         lines.append(f"  families with a member that is flagged or has no value: {left:,}")
     return lines

@@ -47,8 +47,8 @@ def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | Non
     case = MAPS[ds.attrs["map"]]() if ds.attrs.get("map") in MAPS else None
     name = shown or (case.shown if case else str(next(iter(ds.data_vars))))
     if name not in ds:
-        known = ", ".join(map(str, ds.data_vars))
-        raise ValueError(f"{name}: is not a variable of the map; known: {known}")
+        names = ", ".join(map(str, ds.data_vars))
+        raise ValueError(f"{name}: is not a variable of the map; known: {names}")
     ds = with_degrees(ds, name, *(key for key in "xyz" if key in ds.coords))
     parts = [ds.isel(z=k) for k in range(ds.sizes["z"])] if "z" in ds.dims else [ds]
     marked = "computed" in ds and len(parts) == 1
@@ -182,10 +182,10 @@ def _half(axes: Axes, ds: xr.Dataset, name: str) -> list[Line2D]:
     pixels.
     """
     values = ds[name].values
-    known = np.isfinite(values)
-    weights = uniform_filter(known.astype(float), 3, mode="nearest")
-    sums = uniform_filter(np.where(known, values, 0.0), 3, mode="nearest")
-    smooth = np.divide(sums, weights, out=np.full(values.shape, np.nan), where=known)
+    is_known = np.isfinite(values)
+    weights = uniform_filter(is_known.astype(float), 3, mode="nearest")
+    sums = uniform_filter(np.where(is_known, values, 0.0), 3, mode="nearest")
+    smooth = np.divide(sums, weights, out=np.full(values.shape, np.nan), where=is_known)
     if min(values.shape) < 2 or not np.nanmin(smooth) < 0.5 < np.nanmax(smooth):
         return []
     masked = np.ma.masked_invalid(smooth)

@@ -136,14 +136,14 @@ def columns_and_rows(resolution: Resolution) -> tuple[int, int]:
 def read_stored_request(text: str, path: str) -> MapRequest:
     """Read the MapRequest in the facts of a run directory; FileError if it is not one."""
     try:
-        found = _QUESTION.validate_json(text)
-        least = min(found.columns, found.rows, found.layers, found.replicas)
-        if found.pixels > MOST**2 or least < 1 or (found.z is None and found.layers != 1):
+        request = _QUESTION.validate_json(text)
+        least = min(request.columns, request.rows, request.layers, request.replicas)
+        if request.pixels > MOST**2 or least < 1 or (request.z is None and request.layers != 1):
             raise ValueError("impossible sizes")
     except ValueError:  # also of pydantic
         rule = "contains no readable map"
         raise FileError(rule, at="map", file=path) from None
-    return found
+    return request
 
 
 def _grid(key: str, side: Whole, count: int, stride: int) -> Grid:

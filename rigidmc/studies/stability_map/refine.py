@@ -60,7 +60,7 @@ def pixel_members(request: MapRequest, pixels: Ints) -> Ints:
     return np.add.outer(np.arange(request.replicas) * request.pixels, pixels).ravel()
 
 
-def borders_of(measures: Sequence[Measure], given: Borders = ()) -> Borders:
+def borders_of(measures: Sequence[Measure], asked: Borders = ()) -> Borders:
     """Return the given borders between the classes of measures, or default ones of the first
     measure.
 
@@ -69,17 +69,17 @@ def borders_of(measures: Sequence[Measure], given: Borders = ()) -> Borders:
     Raises OptionError for malformed borders, and for measures that the map does not have.
     """
     try:
-        found = tuple((str(text).strip(), tuple(map(float, values))) for text, values in given)
+        borders = tuple((str(text).strip(), tuple(map(float, values))) for text, values in asked)
     except (TypeError, ValueError):
         rule = "expected (measure, values between its classes) for each measure"
-        raise OptionError(rule, at="adaptive", value=given) from None
-    texts = [one.text for one in measures]
-    for text, _ in found:
+        raise OptionError(rule, at="adaptive", value=asked) from None
+    texts = [measure.text for measure in measures]
+    for text, _ in borders:
         if text not in texts:
             raise unknown("measure of the map", texts, at="adaptive", value=text, error=OptionError)
-    one = measures[0]
-    usual = (0.5,) if one.kind == "p" else (4.0,) if one.result.name == "megno" else ()
-    return found or ((one.text, usual),)
+    measure = measures[0]
+    usual = (0.5,) if measure.kind == "p" else (4.0,) if measure.result.name == "megno" else ()
+    return borders or ((measure.text, usual),)
 
 
 def refine(request: MapRequest, pixels: Pixels, done: int = 1) -> Refinement:
@@ -89,13 +89,13 @@ def refine(request: MapRequest, pixels: Pixels, done: int = 1) -> Refinement:
     """
     shape = request.layers, request.rows, request.columns
     number = np.arange(request.pixels).reshape(shape)
-    known = (pixels.counts.sum(0) > 0).reshape(shape)
+    computed = (pixels.counts.sum(0) > 0).reshape(shape)
     classes, sure = _classes(request, pixels)
     stride, shown = STRIDE, number[:, ::STRIDE, ::STRIDE]
     level, wanted = (STRIDE, shown.ravel()) if done == BEGUN else (0, number[:0].ravel())
     while stride > 1:
         stride //= 2
-        mine, here = number[:, ::stride, ::stride], known[:, ::stride, ::stride]
+        mine, here = number[:, ::stride, ::stride], computed[:, ::stride, ::stride]
         low, high = _around(shape, stride)
         if stride < done and not wanted.size:
             unlike = _unlike(classes[:, shown]) | ~sure[shown]
@@ -106,9 +106,9 @@ def refine(request: MapRequest, pixels: Pixels, done: int = 1) -> Refinement:
         i, j = (np.where(a % 2, b, a) for a, b in zip(low, high, strict=True))
         shown = np.where(here, mine, shown[:, i[:, None], j])
     if not wanted.size:
-        return Refinement(shown.ravel(), known.ravel(), wanted, 0)
+        return Refinement(shown.ravel(), computed.ravel(), wanted, 0)
     return Refinement(
-        shown.ravel(), known.ravel(), _rounded_up(request, wanted, known, level), level
+        shown.ravel(), computed.ravel(), _rounded_up(request, wanted, computed, level), level
     )
 
 
@@ -117,8 +117,8 @@ def _around(shape: tuple[int, int, int], stride: int) -> tuple[list[Ints], list[
     level."""
     places = [np.arange(-(-size // stride)) for size in shape[1:]]
     last = [-(-size // (2 * stride)) - 1 for size in shape[1:]]
-    above = [np.minimum((one + 1) // 2, end) for one, end in zip(places, last, strict=True)]
-    return [one // 2 for one in places], above
+    above = [np.minimum((place + 1) // 2, end) for place, end in zip(places, last, strict=True)]
+    return [place // 2 for place in places], above
 
 
 def _unlike(classes: NDArray[np.float64]) -> Bools:
@@ -138,18 +138,18 @@ def _classes(request: MapRequest, pixels: Pixels) -> tuple[NDArray[np.float64], 
     members agree on a fraction p(...) of 0 or 1: with few members, intervals would contain a border
     everywhere.
     """
-    found, sure = [np.where(pixels.counts[0] > 0, 0.0, _NEVER)], np.ones(request.pixels, bool)
+    classes, sure = [np.where(pixels.counts[0] > 0, 0.0, _NEVER)], np.ones(request.pixels, bool)
     for text, borders in request.borders or ():
         value, low, high, _ = pixels.intervals[text]
         places = np.sort(borders) if borders else _equal_parts(request, value)
         among, least, most = (
-            np.where(np.isnan(one), _NEVER, np.searchsorted(places, one, side="right"))
-            for one in (value, low, high)
+            np.where(np.isnan(numbers), _NEVER, np.searchsorted(places, numbers, side="right"))
+            for numbers in (value, low, high)
         )
-        found.append(among)
+        classes.append(among)
         agreed = text.startswith("p(") & ((value == 0.0) | (value == 1.0))
         sure &= agreed | (least == most) | np.isnan(low) | np.isnan(high)
-    return np.array(found), sure
+    return np.array(classes), sure
 
 
 def _equal_parts(request: MapRequest, values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -163,16 +163,16 @@ def _equal_parts(request: MapRequest, values: NDArray[np.float64]) -> NDArray[np
     return np.linspace(low, high, CLASSES + 1)[1:-1]
 
 
-def _rounded_up(request: MapRequest, wanted: Ints, known: Any, stride: int) -> Ints:
+def _rounded_up(request: MapRequest, wanted: Ints, computed: Any, stride: int) -> Ints:
     """Return the wanted pixels, and evenly spread others of their level up to a multiple of
     `pixel_multiple`.
 
     If the level has too few others, they come from the whole map, or are all that are left.
     """
     short = -wanted.size % pixel_multiple(request)
-    number = np.arange(request.pixels).reshape(known.shape)
+    number = np.arange(request.pixels).reshape(computed.shape)
     for step in (stride, 1):
-        left = np.setdiff1d(number[:, ::step, ::step][~known[:, ::step, ::step]], wanted)
+        left = np.setdiff1d(number[:, ::step, ::step][~computed[:, ::step, ::step]], wanted)
         if left.size >= short:
             break
     count = min(short, left.size)

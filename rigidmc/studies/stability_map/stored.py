@@ -121,12 +121,12 @@ def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
             return np.asarray(variable.values).reshape(-1)
 
         intervals = {}
-        for one in map_run.measures:
-            *names, lacking = measure_variables(one)
-            found = [numbers(name, "f") for name in names]
-            none = np.where(np.isnan(found[0]), np.nan, 0.0)
-            found.append(numbers(lacking, "f") if lacking in file.variables else none)
-            intervals[one.text] = np.stack(found)
+        for measure in map_run.measures:
+            *names, lacking = measure_variables(measure)
+            columns = [numbers(name, "f") for name in names]
+            none = np.where(np.isnan(columns[0]), np.nan, 0.0)
+            columns.append(numbers(lacking, "f") if lacking in file.variables else none)
+            intervals[measure.text] = np.stack(columns)
         counts = np.stack([numbers(name, "iu") for name in COUNTS]).astype("i4")
         computed = None if request.borders is None else numbers(COMPUTED, "iu") > 0
         more = {key: file.attrs[key] for key in ("seconds", "missing") if key in file.attrs}
@@ -186,7 +186,7 @@ def members_there(
     request, run = request_of(directory), load_run(directory, allow_code)
     map_run = describe_map(request, run.scene, run.layout.by_member)
     collected = PixelCollector(map_run)
-    names = {name: map_run.by_member[name] for one in map_run.measures for name in one.names}
+    names = {name: map_run.by_member[name] for x in map_run.measures for name in x.names}
     sizes = run.layout.axes.lengths(0)
     for i, shard in sorted(directory.shards().items()):
         members = np.asarray(directory.members(i))
@@ -195,8 +195,7 @@ def members_there(
         variables |= {name: (v.dims, values[name], v.attrs) for name, v in names.items()}
         wanted = {**sizes, "member": len(members)}
         fits = all(
-            np.shape(one) == tuple(wanted[dim] for dim in dims)
-            for dims, one, *_ in variables.values()
+            np.shape(x) == tuple(wanted[dim] for dim in dims) for dims, x, *_ in variables.values()
         )
         if not fits or not np.array_equal(values["member"], members):
             rule = "has the members of another shard; see `rigidmc verify`"

@@ -235,10 +235,10 @@ def _interval(dataset: xr.Dataset, name: str, count: int) -> str:
     if f"{name}_low" not in dataset or count == 1:
         return ""
     width = dataset[f"{name}_high"] - dataset[f"{name}_low"]
-    known = np.isfinite(width)
-    if not known.any():
+    is_known = np.isfinite(width)
+    if not is_known.any():
         return ", too few members for intervals"
-    half = float(width.where(known).median()) / 2
+    half = float(width.where(is_known).median()) / 2
     return f", {100 * dataset.attrs['confidence']:g} % interval +-{half:.2g} in the median"
 
 

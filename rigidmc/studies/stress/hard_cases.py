@@ -53,22 +53,22 @@ def run_cases(
     names, chosen = list(integrators or (QUICK if quick else INTEGRATORS)), list(groups or GROUPS)
     _refuse_unknown("integrator", names, INTEGRATORS, at="integrator", error=OptionError)
     _refuse_unknown("group of hard cases", chosen, GROUPS, at="group", error=OptionError)
-    cases, known = catalogue(), shipped_bounds()
+    cases, limits = catalogue(), shipped_bounds()
     for key, bound in (bounds or {}).items():
-        known[key] = (_checked(key, bound), known.get(key, (0.0, math.nan))[1])
+        limits[key] = (_checked(key, bound), limits.get(key, (0.0, math.nan))[1])
     wanted = [
         i for i, case in enumerate(cases) if case.group in chosen and (case.quick or not quick)
     ]
     tasks = {name: [i for i in wanted if name in cases[i].integrators()] for name in names}
     outcomes = carry_out(tasks, SHORT if quick else 1.0, threads or threads_available(), progress)
     table = [[outcomes.get((i, name)) for name in names] for i in wanted]
-    return _dataset([cases[i] for i in wanted], table, names, known, bounds or {})
+    return _dataset([cases[i] for i in wanted], table, names, limits, bounds or {})
 
 
-def _refuse_unknown(kind: str, names: Iterable[str], known: Collection[str], **where: Any) -> None:
+def _refuse_unknown(kind: str, names: Iterable[str], words: Collection[str], **where: Any) -> None:
     for name in names:
-        if name not in known:
-            raise unknown(kind, known, value=name, **where)
+        if name not in words:
+            raise unknown(kind, words, value=name, **where)
 
 
 def any_failed(study: xr.Dataset) -> bool:
@@ -79,24 +79,24 @@ def any_failed(study: xr.Dataset) -> bool:
 def bound_of(
     case: HardCase,
     integrator: str,
-    known: Mapping[Key, tuple[float, float]],
-    given: Collection[Key] = (),
+    limits: Mapping[Key, tuple[float, float]],
+    asked_for: Collection[Key] = (),
 ) -> tuple[float, float]:
     """Return (bound, measured) for a case and an integrator.
 
     The bound is the first available of: the user's bound, a bound set by mathematics, the shipped
     bound, the worst shipped bound of an integrator of the same order. inf and nan if there is none.
     """
-    bound, measured = known.get((case.name, integrator), (None, math.nan))
+    bound, measured = limits.get((case.name, integrator), (None, math.nan))
     asked = case.asked_of(integrator)
-    if bound is not None and ((case.name, integrator) in given or asked is None):
+    if bound is not None and ((case.name, integrator) in asked_for or asked is None):
         return bound, measured
     if asked is not None:
         return asked, measured
     order = INTEGRATORS[integrator].order
     alike = [
         pair
-        for (name, other), pair in known.items()
+        for (name, other), pair in limits.items()
         if name == case.name and INTEGRATORS[other].order == order
     ]
     return max(alike, default=(math.inf, math.nan))
@@ -170,8 +170,8 @@ def _dataset(
     cases: Sequence[HardCase],
     outcomes: Sequence[Sequence[Outcome | None]],
     names: Sequence[str],
-    known: Mapping[Key, tuple[float, float]],
-    given: Collection[Key],
+    limits: Mapping[Key, tuple[float, float]],
+    asked_for: Collection[Key],
 ) -> xr.Dataset:
     """Return the Dataset of a study; `outcomes` has a row per case and a column per integrator."""
     shape, over = (len(cases), len(names)), ("case", "integrator")
@@ -183,7 +183,7 @@ def _dataset(
             if outcome is None or (math.isnan(outcome[0]) and not outcome[2]):
                 continue
             error[i, j], seconds[i, j], reason[i, j] = outcome
-            bound[i, j], measured[i, j] = bound_of(case, name, known, given)
+            bound[i, j], measured[i, j] = bound_of(case, name, limits, asked_for)
             verdict[i, j] = VERDICTS.index(_verdict(case, name, error[i, j], bound[i, j]))
             if reason[i, j] == "" and VERDICTS[verdict[i, j]] == "not up to it":
                 reason[i, j] = case.weak[name]

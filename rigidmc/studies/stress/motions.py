@@ -44,7 +44,7 @@ def turn_of(order: float) -> float:
 
     An order that is not in TURNS has the value of the next lower one.
     """
-    return TURNS[max((known for known in TURNS if known <= order), default=min(TURNS))]
+    return TURNS[max((other for other in TURNS if other <= order), default=min(TURNS))]
 
 
 def run(
@@ -214,11 +214,11 @@ def tops(
     if members:
         columns = [np.array(np.broadcast_to(c, (members, c.shape[-1]))) for c in columns]
     # components: three or four rows would read two ways
-    given: list[Any] = [tuple(c.T) if members else tuple(c.tolist()) for c in columns]
+    vectors: list[Any] = [tuple(c.T) if members else tuple(c.tolist()) for c in columns]
     effects: tuple[Any, ...] = (Gravity(g),) if np.any(columns[3]) else ()
     effects += (ViscousDamping(damping),) if damping else ()
-    body = Body.from_moments(given[0], mass=1.0, centre=given[3])
-    return Scene(body, effects, Start(momentum=given[1], attitude=given[2]))
+    body = Body.from_moments(vectors[0], mass=1.0, centre=vectors[3])
+    return Scene(body, effects, Start(momentum=vectors[1], attitude=vectors[2]))
 
 
 def lean_by(theta: float) -> tuple[float, float, float, float]:

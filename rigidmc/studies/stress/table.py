@@ -32,8 +32,8 @@ def case_table(study: xr.Dataset) -> list[Any]:
         ratio = study.error.values / study.bound.values
     ratio = np.where(np.isnan(ratio) & (study.error.values == 0.0), 0.0, ratio)
     lines: list[Any] = [_sheet(study, ratio), Text("the worst:", style="bold")]
-    known = np.nan_to_num(ratio, nan=0.0)
-    rank = np.where(verdict >= VERDICTS.index("above"), 1e300, 1.0) * known
+    size = np.nan_to_num(ratio, nan=0.0)
+    rank = np.where(verdict >= VERDICTS.index("above"), 1e300, 1.0) * size
     for flat in np.argsort(-np.nan_to_num(rank, nan=0.0), axis=None)[:WORST]:
         i, j = divmod(int(flat), len(names))
         lines += _run(study, i, j, ratio[i, j])
@@ -94,10 +94,10 @@ def _run(study: xr.Dataset, i: int, j: int, ratio: float) -> Iterator[Text]:
     error, bound, measured = (
         float(study[name].values[i, j]) for name in ("error", "bound", "measured")
     )
-    known = "" if math.isnan(measured) else f", {measured:.1e} when the bounds were measured"
+    before = "" if math.isnan(measured) else f", {measured:.1e} when the bounds were measured"
     style = _STYLES.get(VERDICTS[int(study.verdict.values[i, j])], "")
     case = f"{study.group.values[i]} {study.case.values[i]}, {study.integrator.values[j]}"
-    line = f"  {ratio:6.2f}  {case}: error {error:.1e}, bound {bound:.1e}{known}"
+    line = f"  {ratio:6.2f}  {case}: error {error:.1e}, bound {bound:.1e}{before}"
     yield Text(line, style=style if "red" in style else "")
     why = f"          {study.why.values[i]} (truth: {study.truth.values[i]})"
     yield Text(why, style="dim")

@@ -170,14 +170,14 @@ def same_bits(scene: Scene, t_end: float, **options: Any) -> Comparison:
     names = ("momentum", "attitude", "energy_drift_max", "status")
 
     def error(integrator: str, share: float) -> float:
-        one = run(scene, integrator, t_end, 4, **options)
+        ds = run(scene, integrator, t_end, 4, **options)
         others = [run(scene, integrator, t_end, 4, block=block, **options) for block in (32, 96)]
         count = sum(
-            int(np.count_nonzero(one[name].values != other[name].values))
+            int(np.count_nonzero(ds[name].values != other[name].values))
             for other in others
             for name in names
         )
-        return float(count) if not one.status.values.any() else math.inf
+        return float(count) if not ds.status.values.any() else math.inf
 
     return Comparison(error, "the same run in other blocks", scene.effects, makes_steps)
 
@@ -197,14 +197,14 @@ def distance_in_units(
     """
 
     def error(integrator: str, share: float) -> float:
-        one = run(scene, integrator, t_end, 4, **options)
-        two = run(other, integrator, t_end * time, 4, **options)
-        (true_q, true_l), (q, l) = states(one), states(two)
+        ds = run(scene, integrator, t_end, 4, **options)
+        scaled = run(other, integrator, t_end * time, 4, **options)
+        (true_q, true_l), (q, l) = states(ds), states(scaled)
         l = l / mass_length
         if power_of_two:
             same = np.array_equal(q, true_q) and np.array_equal(l, true_l)
-            return 0.0 if same and worst(two, 0.0) == 0.0 else 1.0
-        return max(worst(one, 0.0), worst(two, distance(q, l, true_q, true_l).max(0)))
+            return 0.0 if same and worst(scaled, 0.0) == 0.0 else 1.0
+        return max(worst(ds, 0.0), worst(scaled, distance(q, l, true_q, true_l).max(0)))
 
     return Comparison(error, "the same scene in the original units", scene.effects, makes_steps)
 
