@@ -21,8 +21,8 @@ from rigidmc.engine.compiler.kernels import (
     config,
     is_compiled,
 )
+from rigidmc.engine.compiler.libraries import LINE
 from rigidmc.engine.compiler.memory import allocate_aligned
-from rigidmc.engine.compiler.pipeline import LINE
 from rigidmc.engine.compiler.trees import tree_size
 from rigidmc.engine.kernel import last_interval, layout, member, monitoring
 from rigidmc.engine.kernel.arguments import (

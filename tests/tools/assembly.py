@@ -4,8 +4,8 @@ import re
 from typing import Any, NamedTuple
 
 from rigidmc.engine.compiler.kernels import KernelKey, signature_of
+from rigidmc.engine.compiler.libraries import in_written_order
 from rigidmc.engine.compiler.machine_code import lower
-from rigidmc.engine.compiler.pipeline import in_written_order
 from rigidmc.engine.inspection import DIVISION, ROOT, why_scalar
 from rigidmc.engine.kernel.arguments import letters_of
 from rigidmc.engine.kernel.march import march

@@ -31,10 +31,9 @@ vector_types       one number from each of several members as one vector: float6
 intrinsics         functions with special code: a choice by a mask, another precision
 math_functions     the functions of `math` that custom code may call
 memory             rows of vectors as a type; uncompiled they are arrays
-pipeline           how Numba's passes run, and when code is inlined and optimised: once, in the
-                   kernel
-lean_passes        Numba's passes without the work that these functions do not need
-inlined            a kernel or an inlined function, compiled for the types of a call
+lowering           a function of the package from bytecode to LLVM code, by Numba's steps
+pipeline           the same for a custom function, by Numba's own pipeline
+libraries          when code is inlined and optimised: once, in the kernel
 fma                the one rule that decides which products are fused with sums
 machine_code       from a kernel to LLVM code, machine code and its address
 disk_cache         code on disk, named by a hash of all its inputs

@@ -25,15 +25,20 @@ import rigidmc.physics.integrators.protocol
 import rigidmc.physics.observables.protocol  # noqa: F401  (imported so that METHODS is complete)
 from rigidmc.engine.compiler.derivatives import rule_for
 from rigidmc.engine.compiler.frozen import copy_of, is_custom
-from rigidmc.engine.compiler.inlined import compile_inlined
 from rigidmc.engine.compiler.intrinsics import INTRINSICS, intrinsic, register_template
-from rigidmc.engine.compiler.pipeline import INLINE, is_of_package
+from rigidmc.engine.compiler.lowering import lower_function
+from rigidmc.engine.compiler.pipeline import INLINE
 from rigidmc.physics.dynamics.methods import METHODS, arguments
 
 Function = Callable[..., Any]
 
 _inlined: set[Function] = set()
 _done: set[str] = set()  # modules of the package
+
+
+def is_of_package(function: Any) -> bool:
+    """Return whether a function belongs to the package, not to a user."""
+    return str(function.__module__).startswith("rigidmc.")
 
 
 def innermost_cause(error: Exception) -> str:
@@ -104,7 +109,7 @@ class InlinedFunction(DispatchedFunction):
             self.parameters, args, kws, _given, _omitted, lambda *each: types.StarArgTuple(each[2])
         )
         if folded not in self.signatures:
-            code = compile_inlined(rule_for(self.function, folded), folded)
+            code = lower_function(rule_for(self.function, folded), folded)
             self.compiled[folded] = code.entry_point
             self.signatures[folded] = code.signature.replace(pysig=self.parameters)
         return self.signatures[folded]

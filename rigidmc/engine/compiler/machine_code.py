@@ -21,8 +21,8 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 
 from rigidmc.engine.compiler.disk_cache import Entry, entry_of, is_stored, log_once, read, store
-from rigidmc.engine.compiler.inlined import compile_as_kernel
-from rigidmc.engine.compiler.pipeline import in_written_order
+from rigidmc.engine.compiler.libraries import in_written_order
+from rigidmc.engine.compiler.lowering import LoweredFunction, lower_kernel
 from rigidmc.engine.compiler.source_stamps import source_stamp
 from rigidmc.engine.machine import vector_bits
 
@@ -75,8 +75,8 @@ def llvm_of_function(function: Function, signature: Any) -> tuple[str, str]:
     return _symbol(entry), str(module)
 
 
-def lower(function: Function, arguments: tuple[Any, ...], result: Any = None) -> Any:
-    """Compile a kernel to optimised LLVM code; return Numba's compilation result.
+def lower(function: Function, arguments: Any, result: Any = None) -> LoweredFunction:
+    """Compile a kernel to optimised LLVM code.
 
     arguments, result : types
     """
@@ -86,7 +86,7 @@ def lower(function: Function, arguments: tuple[Any, ...], result: Any = None) ->
     try:
         # of 9.7 s of rk4, typing and lowering take 6.9, LLVM's optimisation 1.7, machine code 1.0
         with global_compiler_lock:
-            return compile_as_kernel(function, arguments, result)
+            return lower_kernel(function, arguments, result)
     finally:
         sys.setrecursionlimit(deepest)
         if collects:
@@ -115,11 +115,11 @@ def _lowered(entry: Entry, function: Function, signature: Any) -> llvm.ModuleRef
             return llvm.parse_bitcode(code)
         except RuntimeError as error:  # of another LLVM
             log_once(error)
-    result = lower(function, signature.args, signature.return_type)
-    module = result.library._final_module
-    module.get_function(result.fndesc.llvm_func_name).name = _symbol(entry)
+    lowered = lower(function, signature.args, signature.return_type)
+    module = lowered.library._final_module
+    module.get_function(lowered.symbol).name = _symbol(entry)
     code = module.as_bitcode()
-    if result.library._reload_init or not is_closed(module) or not store(entry, code):
+    if lowered.library._reload_init or not is_closed(module) or not store(entry, code):
         _llvm_code[entry.name] = code
     # as from the disk: the machine code is the same
     return llvm.parse_bitcode(code)

@@ -20,7 +20,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from rigidmc.engine.compiler.dual_types import DualType, make_dual, tangents_of
 from rigidmc.engine.compiler.intrinsics import intrinsic
-from rigidmc.engine.compiler.pipeline import LINE
+from rigidmc.engine.compiler.libraries import LINE
 from rigidmc.engine.compiler.vector_types import ELEMENT, VectorType, llvm_type
 
 _WORD = ir.IntType(64)

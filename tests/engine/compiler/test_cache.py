@@ -178,12 +178,12 @@ TRACED = """
 import json, os
 from collections import defaultdict
 from rigidmc.engine import compile_helper
-from rigidmc.engine.compiler import compose, frozen, machine_code, pipeline
+from rigidmc.engine.compiler import compose, frozen, lowering, machine_code
 from rigidmc.engine.compiler.source_stamps import closure_of
 from rigidmc.processes.helpers import PACKAGE
 import rigidmc as rm
 
-plain, define = machine_code.lower, pipeline.Pipeline.define_pipelines
+plain, translate = machine_code.lower, lowering._translate
 signature_of = compose.InlinedFunction.signature_of
 files, calls, stack, homes = defaultdict(set), defaultdict(set), [None], {}
 
@@ -204,13 +204,11 @@ def inlined(self, context, args, kws):
     finally:
         stack.pop()
 
-def compiled(self):
-    file = self.state.func_id.func.__code__.co_filename
-    if file.startswith(PACKAGE):
-        files[stack[-1]].add(os.path.relpath(file, PACKAGE))
-    return define(self)
+def translated(function):
+    files[stack[-1]].add(os.path.relpath(function.__code__.co_filename, PACKAGE))
+    return translate(function)
 
-machine_code.lower, pipeline.Pipeline.define_pipelines = kernel, compiled
+machine_code.lower, lowering._translate = kernel, translated
 compose.InlinedFunction.signature_of = inlined
 machine_code.read = lambda entry: None
 compile_helper.threads_available = lambda: 1

@@ -15,9 +15,8 @@ import sys
 import numba
 import numpy as np
 import pytest
-from numba.core.compiler import CompilerBase
 
-from rigidmc.engine.compiler import disk_cache, frozen, kernels, machine_code
+from rigidmc.engine.compiler import disk_cache, frozen, kernels, lowering, machine_code
 from rigidmc.engine.compiler.kernels import config
 from rigidmc.engine.formulas import evaluate_forces
 from rigidmc.files.user_code import class_of
@@ -129,15 +128,15 @@ EDITS = {  # what changes: (file, before, after)
 RUN = """
 import json, sys
 import numpy as np
-from numba.core import compiler
+from rigidmc.engine.compiler import lowering
 
-count, plain = [0], compiler.CompilerBase._compile_core
+count, plain = [0], lowering._infer
 
-def counted(self, *arguments):
+def counted(*arguments):
     count[0] += 1
-    return plain(self, *arguments)
+    return plain(*arguments)
 
-compiler.CompilerBase._compile_core = counted
+lowering._infer = counted
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects.sums import total_torque
 from rigidmc.engine.compiler import frozen, machine_code
@@ -382,13 +381,13 @@ def compiled(tmp_path, monkeypatch):
     """What tells how many functions Numba compiles for a class, with an empty cache at first."""
     monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(disk_cache, "_TOLD", set())
-    count, real = [], CompilerBase._compile_core
+    count, real = [], lowering._infer
 
     def counted(*arguments):
         count.append(arguments)
         return real(*arguments)
 
-    monkeypatch.setattr(CompilerBase, "_compile_core", counted)
+    monkeypatch.setattr(lowering, "_infer", counted)
 
     def functions(kind):
         count.clear()
@@ -485,12 +484,12 @@ save = ["omega"]
 """
 SIMULATE = """
 import sys
-from numba.core import compiler
-count, plain = [], compiler.CompilerBase._compile_core
+from rigidmc.engine.compiler import lowering
+count, plain = [], lowering._infer
 def counted(*arguments):
     count.append(1)
     return plain(*arguments)
-compiler.CompilerBase._compile_core = counted
+lowering._infer = counted
 import rigidmc as rm
 from rigidmc.engine import compile_helper
 compile_helper.threads_available = lambda: 1
