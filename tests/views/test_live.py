@@ -315,3 +315,11 @@ def test_a_page_draws_thirty_frames_a_second(browser, tmp_path):
       await new Promise(done => setTimeout(done, 5000));
       return 1000 * (state.frames - before) / (performance.now() - began); }""")
     assert drawn >= 30
+
+
+def test_a_tolerance_makes_no_page_of_polygons(tmp_path):
+    """srkn11 took steps of 1.9 rad, 13 in a nutation: its charts and traces had corners."""
+    scene = rm.Scene.load("heavy_top", {"start.omega": (0, 0, 157)})
+    text = rm.live(scene.with_run(tolerance=1e-9), members=1).text
+    data = json.loads(re.search(r'<script id="data"[^>]*>(.*?)</script>', text, re.S)[1])
+    assert 0.1 < 157 * data["h"] <= 0.2

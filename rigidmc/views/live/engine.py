@@ -27,6 +27,7 @@ PLACES = 3  # saves: at the start, after a call, and before the first of a call
 # a faster start halves the step until a step turns no farther than this times the scene's own step,
 # or 0.1 rad
 SLACK, LEAST_TURN = 1.3, 0.1
+SMOOTH_TURN = 0.2  # of a step [rad], if a tolerance chooses it: of 2 rad the charts are polygons
 Floats = NDArray[np.float64]
 
 
@@ -52,6 +53,12 @@ def live_run(scene: Scene, members: int) -> LiveRun:
     first = scene.run.first
     run = prepare_scene(with_settings(scene, range(first, first + members), chosen))
     block, start = run.initial(first, members)
+    omega = block[layout.MOMENTUM : layout.EXTRA, :members] / start["moments"][:, :members]
+    turn = np.linalg.norm(omega, axis=0).max() * run.plan.grid.dt
+    if scene.run.tolerance is not None and turn > SMOOTH_TURN:
+        chosen["every"] = float(run.plan.grid.dt / np.ceil(turn / SMOOTH_TURN))
+        run = prepare_scene(with_settings(scene, range(first, first + members), chosen))
+        block, start = run.initial(first, members)
     if run.plan.has_member_steps:  # the step of the member with the most
         step = float(run.plan.grid.dt / block[layout.STEPS].max())
         fixed = {"integrator": run.scene.run.integrator, "dt": step, "turn": None}
