@@ -281,10 +281,11 @@ def test_members_of_a_run_are_indices():
         (pd.Series([1, None], dtype="Int64"), "expected"),
         (np.array([False, True]), "booleans"),
         ({1, 2}, "has no order"),
-        ([2, 1], "increasing member indices"),
-        ([1.0, 2.0], "increasing member indices"),
-        ([], "increasing member indices"),
-    ):
+        *((bad, "increasing member indices") for bad in (
+            [2, 1], [1.0, 2.0], [], np.array([]), np.array([3, 3]), np.array([-1, 2]),
+            np.array([0.5, 1.0]), np.array([[1, 2]]),
+        )),
+    ):  # fmt: skip
         with pytest.raises(rm.SceneError, match=re.escape(word)):
             rm.simulate(scene, members=which)
     ds = rm.simulate(scene, members=6)

@@ -46,7 +46,7 @@ from rigidmc.physics.effects.protocol import (
     user_parameters,
 )
 from rigidmc.physics.effects.sums import kick_all, kick_all_back, push, total_energy, total_torque
-from tests.physics.effects.laws import REFERENCE, Properties, symmetric
+from tests.physics.effects.laws import ENERGY, REFERENCE, Properties, symmetric
 from tests.tools.reference import rotation, unit
 
 MOMENTS, STATIC = (0.6, 0.8, 1.0), (0.05, -0.02, 0.3)
@@ -115,8 +115,12 @@ def test_every_effect_has_an_example_of_all_its_parameters():
 
 
 @pytest.mark.parametrize("name", REFERENCE)
-def test_torque_is_that_of_the_law_in_space(name):
-    assert reference_error(EXAMPLES[name], name) < 5e-14  # measured 1.2e-14
+def test_torque_and_energy_are_those_of_the_law_in_space(name):
+    effect = EXAMPLES[name]
+    assert reference_error(effect, name) < 5e-14  # measured 1.2e-14
+    for q, _ in some_states() if name in ENERGY else ():
+        known = ENERGY[name](effect, rotation(q), KNOWN)
+        assert energy(effect, BODY, q) == pytest.approx(known, abs=1e-14)
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -323,16 +327,6 @@ def test_wrong_signs_are_caught():
     assert energy(Gravity(9.81), BODY, (1.0, 0.0, 0.0, 0.0)) == pytest.approx(9.81 * 0.3)
 
 
-def test_gravity_is_weight_times_arm_in_space():
-    for q, l in some_states():
-        a = rotation(q)
-        arm, weight = a @ BODY[6:9], np.array([0.0, 0.0, -9.81])
-        assert np.allclose(
-            a @ torque(Gravity(9.81), BODY, 0.0, q, l), np.cross(arm, weight), rtol=0, atol=1e-14
-        )
-        assert math.isclose(energy(Gravity(9.81), BODY, q), 9.81 * arm[2], abs_tol=1e-14)
-
-
 def test_several_effects_act_together():
     effects = EXAMPLES["gravity"], EXAMPLES["viscous_damping"]
     q, l = some_states(1)[0]
@@ -370,21 +364,23 @@ def test_the_order_in_which_effects_are_listed_does_not_matter():
     assert name_of(own) == "Own"
 
 
+SIDES = (1, 2, 0), (2, 0, 1)  # the elements yz, zx, xy of a tensor
+
+
 def test_a_matrix_that_drives_some_spin_is_refused():
     def checked(matrix, **settings):
         body, start = rm.Body.from_moments(MOMENTS), rm.Start(omega=(0.1, 0.2, 0.3))
         return rm.prepare(rm.Scene(body, (MatrixDamping(matrix),), start, rm.Run(**settings))).scene
 
+    words = r"matrix: \(.*\) drives some rotations, which needs anti_damping = true"
+    ones = 1.0, 1.0, 1.0
     for matrix in (
-        (1.0, 1.0, 1.0, 0.0, 0.0, 1.5),
+        (*ones, 0.0, 0.0, 1.5),
         (-1e-6, 1.0, 1.0, 0.0, 0.0, 0.0),
-        (1.0, 1.0, 1.0, 0.9, -0.9, 0.9),
+        (*ones, 0.9, -0.9, 0.9),
     ):
         assert np.linalg.eigvalsh(symmetric(matrix))[0] < 0.0
-        with pytest.raises(
-            rm.SceneError,
-            match=r"matrix: \(.*\) drives some rotations, which needs anti_damping = true",
-        ):
+        with pytest.raises(rm.SceneError, match=words):
             checked(matrix)
         checked(matrix, anti_damping=True)
     for matrix in ((1.0, 1.0, 1.0, 0.0, 0.0, 1.0), (0.0,) * 6, (1.0, 1.0, 1.0, 0.9, 0.9, 0.9)):
@@ -397,11 +393,7 @@ def test_a_matrix_that_drives_some_spin_is_refused():
         for rank in (1, 2, 3):  # damping about skew axes
             for _ in range(300):
                 c = sum(np.outer(v, v) for v in some.normal(size=(rank, 3))) * size
-                assert not MatrixDamping(
-                    (c[0, 0], c[1, 1], c[2, 2], c[1, 2], c[2, 0], c[0, 1])
-                ).is_driving()
+                assert not MatrixDamping((*np.diag(c), *c[SIDES])).is_driving()
                 c -= 1e-6 * np.trace(c) * np.eye(3)  # one of rank 3 may still damp
-                driven = MatrixDamping(
-                    (c[0, 0], c[1, 1], c[2, 2], c[1, 2], c[2, 0], c[0, 1])
-                ).is_driving()
+                driven = MatrixDamping((*np.diag(c), *c[SIDES])).is_driving()
                 assert driven == (np.linalg.eigvalsh(c)[0] < 0.0)
