@@ -3,7 +3,6 @@
 import json
 import math
 import re
-import shutil
 
 import numpy as np
 import pytest
@@ -16,10 +15,6 @@ from rigidmc.views.live.engine import live_run
 from rigidmc.views.live.sliders import make_sliders
 from tests.tools.commands import invoke
 
-BROWSER = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
-FLAGS = ["--no-sandbox"]
 STEPS = 1000
 TOP = rm.Scene(
     rm.Body((2.0, 1.5, 1.0), mass=1.0, centre=(0.0, 0.0, 0.3)),
@@ -31,17 +26,6 @@ SCENES = (
     "heavy_top", "dzhanibekov", "brownian_rotor", "sleeping_top", "hyperion", "tennis_racket",
     "kovalevskaya", "kapitza_top", "damped_dzhanibekov", "gyrostat_wheel",
 )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def browser():
-    api = pytest.importorskip("playwright.sync_api")
-    if BROWSER is None:
-        pytest.skip("no Chromium: apt-get install chromium")
-    with api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
-        yield opened
-        opened.close()
 
 
 def opened(browser, path, size=(1280, 1000), hash_="", before=""):

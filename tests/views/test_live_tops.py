@@ -9,7 +9,7 @@ import pytest
 import rigidmc as rm
 from rigidmc.errors import OptionError
 from rigidmc.mechanics import rotation
-from tests.views.test_live import browser, opened  # noqa: F401
+from tests.views.test_live import opened
 
 KINDS = {
     "steady precession": ("steady precession",),
@@ -22,8 +22,15 @@ FORMED = """() => { const { l, q } = state.samples[0], { moments, mass, centre }
   return [moments, mass * SLIDERS.at(-1).value * centre[2], l, q]; }"""
 
 
+def shown(browser, folder, scene="heavy_top", names=None, hash_=""):
+    """The live page of a scene, with sliders of these names."""
+    path = folder / "top.html"
+    rm.live(scene, path, names and dict.fromkeys(names), members=1, force=True)
+    return opened(browser, path, hash_=hash_)
+
+
 @pytest.mark.parametrize("word", ["omega", "momentum"])
-def test_buttons_start_the_motions_that_they_name(word, browser, tmp_path):  # noqa: F811
+def test_buttons_start_the_motions_that_they_name(word, browser, tmp_path):
     """At random leans, turns and spins, of tops that stand and hang; by the closed forms."""
     scene = rm.Scene.load("heavy_top")
     if word == "momentum":
@@ -31,16 +38,11 @@ def test_buttons_start_the_motions_that_they_name(word, browser, tmp_path):  # n
                          attitude=(0.1, 0.4, 0.2))).with_run(members=1, dt=5e-4)  # fmt: skip
     names = [f"start.{word}.{k}" for k in (1, 2, 3)]
     names += ["start.attitude.theta", "start.attitude.psi", "effects.gravity.g"]
-    rm.live(scene, tmp_path / "top.html", dict.fromkeys(names), members=1)
-    page = opened(browser, tmp_path / "top.html")
+    page = shown(browser, tmp_path, scene, names)
     some = np.random.default_rng(5)
     scale = 1.0 if word == "omega" else scene.body.moments[2]
     for _ in range(6):
-        spin, lean, turn = (
-            some.uniform(150.0, 300.0),
-            some.uniform(0.2, 2.9),
-            some.uniform(-3.0, 3.0),
-        )
+        spin, lean, turn = some.uniform((150.0, 0.2, -3.0), (300.0, 2.9, 3.0)).tolist()
         for button, kinds in KINDS.items():
             numbers = {2: spin * scale, 3: lean, 4: turn}
             page.evaluate("; ".join(f"SLIDERS[{k}].set({x})" for k, x in numbers.items()))
@@ -60,12 +62,9 @@ def test_buttons_start_the_motions_that_they_name(word, browser, tmp_path):  # n
     assert page.faults == []
 
 
-def test_the_mean_rate_is_that_of_whole_nutations(browser, tmp_path):  # noqa: F811
+def test_the_mean_rate_is_that_of_whole_nutations(browser, tmp_path):
     """Loops after 1.9 nutations: the mean over the whole time is 16 % less."""
-    rm.live("heavy_top", tmp_path / "top.html", members=1)
-    page = opened(
-        browser, tmp_path / "top.html", hash_="#t=0.28&start.omega.2=-1.7&start.omega.3=200"
-    )
+    page = shown(browser, tmp_path, hash_="#t=0.28&start.omega.2=-1.7&start.omega.3=200")
     page.wait_for_function("!state.busy && state.step >= 560")
     moments, start = page.evaluate("state.body.moments"), (0.0, -1.7, 200.0)
     weight = page.evaluate("state.body.mass * 9.81 * state.body.centre[2]")
@@ -75,13 +74,10 @@ def test_the_mean_rate_is_that_of_whole_nutations(browser, tmp_path):  # noqa: F
     assert read == pytest.approx(mean, rel=1e-3)  # measured 1.6e-4
 
 
-def test_a_mean_of_less_than_a_nutation_is_one_so_far(browser, tmp_path):  # noqa: F811
+def test_a_mean_of_less_than_a_nutation_is_one_so_far(browser, tmp_path):
     """The change of phi by the time passed, beside the closed form."""
-    rm.live("heavy_top", tmp_path / "top.html", members=1)
     for t in (0.03, 0.09, 0.13):  # of a nutation of 0.15 s
-        page = opened(
-            browser, tmp_path / "top.html", hash_=f"#t={t}&start.omega.2=-1.7&start.omega.3=200"
-        )
+        page = shown(browser, tmp_path, hash_=f"#t={t}&start.omega.2=-1.7&start.omega.3=200")
         page.wait_for_function(f"!state.busy && state.step >= {round(t / 5e-4)}")
         moments = page.evaluate("state.body.moments")
         weight = page.evaluate("state.body.mass * 9.81 * state.body.centre[2]")
@@ -97,10 +93,9 @@ ULPS = (0, 1, 2, 8, 1000, 1e8)  # between the ends of an axis, in those of its l
 
 
 @pytest.mark.parametrize("low", [0.0, 1e-9, 30.0, -30.0, 1e6])
-def test_charts_draw_values_that_differ_by_rounding(low, browser, tmp_path):  # noqa: F811
+def test_charts_draw_values_that_differ_by_rounding(low, browser, tmp_path):
     """As theta does in steady precession: a page that could not draw them stopped."""
-    rm.live("heavy_top", tmp_path / "top.html", members=1)
-    page = opened(browser, tmp_path / "top.html")
+    page = shown(browser, tmp_path)
     for dots in (True, False):
         for across, upward in itertools.product(ULPS, ULPS):
             x, y = ([low, low + float(np.spacing(low)) * ulps] for ulps in (across, upward))
@@ -109,10 +104,9 @@ def test_charts_draw_values_that_differ_by_rounding(low, browser, tmp_path):  # 
     assert page.faults == []
 
 
-def test_buttons_need_no_slider_of_a_spin_that_is_0(browser, tmp_path):  # noqa: F811
+def test_buttons_need_no_slider_of_a_spin_that_is_0(browser, tmp_path):
     names = ["start.omega.2", "start.omega.3", "start.attitude.theta"]
-    rm.live("heavy_top", tmp_path / "top.html", dict.fromkeys(names), members=1)
-    page = opened(browser, tmp_path / "top.html")
+    page = shown(browser, tmp_path, names=names)
     assert page.locator("#presets button").count() == len(KINDS)
     for word in KINDS:
         page.click(f"#presets >> text={word}")
@@ -120,10 +114,9 @@ def test_buttons_need_no_slider_of_a_spin_that_is_0(browser, tmp_path):  # noqa:
     assert page.faults == []
 
 
-def test_a_page_reads_off_the_motion(browser, tmp_path):  # noqa: F811
+def test_a_page_reads_off_the_motion(browser, tmp_path):
     """Rates and periods beside the closed form; a top that spins too slowly says what it needs."""
-    rm.live("heavy_top", tmp_path / "top.html", members=1)
-    page = opened(browser, tmp_path / "top.html", hash_="#t=2&start.omega.3=200")
+    page = shown(browser, tmp_path, hash_="#t=2&start.omega.3=200")
     page.wait_for_function("!state.busy && state.step >= 4000")
     moments = page.evaluate("state.body.moments")
     weight = page.evaluate("state.body.mass * 9.81 * state.body.centre[2]")
@@ -148,11 +141,10 @@ def test_a_page_reads_off_the_motion(browser, tmp_path):  # noqa: F811
     assert f"needs |ω₃| above {least:.4g} rad/s, and ω₃ is 80 rad/s" in page.inner_text("#told")
 
 
-def test_a_button_without_an_effect_says_why(browser, tmp_path):  # noqa: F811
+def test_a_button_without_an_effect_says_why(browser, tmp_path):
     """Before, nothing happened; and a vertical top had a mean rate of phi, by rounding."""
     names = ["start.omega.2", "start.omega.3", "start.attitude.theta", "effects.gravity.g"]
-    rm.live("heavy_top", tmp_path / "top.html", dict.fromkeys(names), members=1)
-    page = opened(browser, tmp_path / "top.html")
+    page = shown(browser, tmp_path, names=names)
     page.evaluate("SLIDERS[2].set(0); begin(0.05)")
     page.wait_for_function("!state.busy && state.step >= 100")
     assert "mean dφ/dt" not in page.inner_text("#readings")
@@ -166,10 +158,9 @@ def test_a_button_without_an_effect_says_why(browser, tmp_path):  # noqa: F811
     assert "mean dφ/dt" in page.inner_text("#readings") and page.faults == []
 
 
-def test_a_link_takes_a_bounded_time_and_says_so(browser, tmp_path):  # noqa: F811
-    rm.live("heavy_top", tmp_path / "top.html", members=1)
+def test_a_link_takes_a_bounded_time_and_says_so(browser, tmp_path):
     link = "#t=1e9&start.omega.9=3&start.omega.3=1e7&space=moon&body.moments.1=x"
-    page = opened(browser, tmp_path / "top.html", hash_=link)
+    page = shown(browser, tmp_path, hash_=link)
     page.evaluate("state.spent = LONGEST")  # the work of ten seconds
     page.wait_for_function("!state.busy && state.step * state.h === state.time")
     told = page.inner_text("#told")
@@ -182,7 +173,7 @@ def test_a_link_takes_a_bounded_time_and_says_so(browser, tmp_path):  # noqa: F8
     assert page.inner_text("#told") == "" and page.faults == []
 
 
-def test_a_page_of_several_scenes_shows_two_side_by_side(browser, tmp_path):  # noqa: F811
+def test_a_page_of_several_scenes_shows_two_side_by_side(browser, tmp_path):
     """At the lower speed of both, and both start again by one key."""
     slow = rm.Scene.load("heavy_top", {"start.omega": (0, 0, 60)})
     rm.live({"a <top>": "heavy_top", "slow": slow}, tmp_path / "class.html", members=1)
@@ -224,7 +215,7 @@ def test_a_page_of_several_scenes_shows_two_side_by_side(browser, tmp_path):  # 
 
 
 @pytest.mark.slow
-def test_a_phone_scrolls_and_keeps_the_top_in_view(browser, tmp_path):  # noqa: F811
+def test_a_phone_scrolls_and_keeps_the_top_in_view(browser, tmp_path):
     """A swipe up scrolls, one to the side turns the picture, and the body stays on the screen."""
     rm.live("heavy_top", tmp_path / "top.html", members=1)
     size = {"width": 390, "height": 800}
@@ -235,15 +226,19 @@ def test_a_phone_scrolls_and_keeps_the_top_in_view(browser, tmp_path):  # noqa: 
     page.goto((tmp_path / "top.html").as_uri())
     page.wait_for_function("state.ready")
     hand, now = phone.new_cdp_session(page), "[scrollY, stages.body.azimuth, stages.body.elevation]"
-    box = page.locator("#body").bounding_box()
-    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
-    before = page.evaluate(now)
-    for right, up in ((0, 100), (80, 0)):
+
+    def swipe(x, y, right, up):
         for kind, part in (("touchStart", 0.0), *(("touchMove", 0.1 * k) for k in range(1, 11))):
             point = {"x": x + part * right, "y": y - part * up}
             hand.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [point]})
         hand.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
         page.wait_for_timeout(500)
+
+    box = page.locator("#body").bounding_box()
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    before = page.evaluate(now)
+    for right, up in ((0, 100), (80, 0)):
+        swipe(x, y, right, up)
         after = page.evaluate(now)
         assert after[2] == before[2]
         assert (after[0] > 50, after[1] == before[1]) == (True, right == 0)
@@ -257,20 +252,15 @@ def test_a_phone_scrolls_and_keeps_the_top_in_view(browser, tmp_path):  # noqa: 
         page.wait_for_timeout(300)
         box = slider.bounding_box()
         x, y, from_top = box["x"] + 0.8 * box["width"], box["y"] + 8.0, page.evaluate("scrollY")
-        for kind, part in (("touchStart", 0.0), *(("touchMove", 0.1 * k) for k in range(1, 11))):
-            point = {"x": x, "y": y - 200.0 * part}
-            hand.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [point]})
-        hand.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-        page.wait_for_timeout(500)
+        swipe(x, y, 0, 200)
         assert page.evaluate("scrollY") > from_top + 50
         assert page.evaluate("SLIDERS.map(s => s.value)") == values
     assert "circle of fixed points" in page.inner_text("#inside-words")
 
 
-def test_a_slider_has_a_finer_drag(browser, tmp_path):  # noqa: F811
+def test_a_slider_has_a_finer_drag(browser, tmp_path):
     """With Shift, by the mouse and by keys, and with the box `fine` where there is no Shift."""
-    rm.live("dzhanibekov", tmp_path / "page.html", members=1)
-    page = opened(browser, tmp_path / "page.html")
+    page = shown(browser, tmp_path, "dzhanibekov")
     slider = page.locator("#sliders input").nth(4)
     width = page.evaluate("SLIDERS[4].high - SLIDERS[4].low")
     moves = {}

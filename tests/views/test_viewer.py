@@ -3,7 +3,6 @@
 import base64
 import json
 import re
-import shutil
 from importlib.resources import files
 
 import numpy as np
@@ -17,10 +16,6 @@ from rigidmc.views.viewer.data import short, sphere_density
 from rigidmc.views.viewer.page import view
 from tests.tools.commands import invoke
 
-BROWSER = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
-FLAGS = ["--no-sandbox"]
 SIZE = (1.0, 0.5, 0.25)
 QUARTER = 2.0  # s
 
@@ -227,17 +222,6 @@ def test_a_page_knows_the_local_vertical(orbit_page):
 
 
 # ---- in the browser ------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def browser():
-    if BROWSER is None:
-        pytest.skip("no Chromium: apt-get install chromium")
-    api = pytest.importorskip("playwright.sync_api")
-    with api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
-        yield opened
-        opened.close()
 
 
 @pytest.fixture(scope="module")
