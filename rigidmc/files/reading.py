@@ -99,9 +99,23 @@ def toml(text: object) -> dict[str, Any]:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         # a number of more than 4300 digits also raises ValueError
-        raise SceneError(f"not valid TOML: {error}", at="TOML") from None
+        raise SceneError(f"not valid TOML: {error}{_cure(text, str(error))}", at="TOML") from None
     _refuse_long(data, "")
     return data
+
+
+def _cure(text: str, error: str) -> str:
+    """Return what to write in place of a bare number with a unit, or with a decimal comma, in the
+    line of an error of TOML; "" for other errors."""
+    if not (at := re.search(r"at line (\d+)", error)):
+        return ""
+    plain = _STRINGS.sub(lambda string: "\n" * string[0].count("\n"), text)
+    line = "".join(plain.splitlines()[int(at[1]) - 1 : int(at[1])])
+    if found := re.search(r"[=,\[]\s*([-+]?\d[\d.]*\s*(?:[a-zA-Z]+|°)[^,\]}#]{0,40})", line):
+        return f'; a number with its unit is a text, "{found[1].strip()}"'
+    if found := re.fullmatch(r"[^=]*=\s*([-+]?\d+),(\d+)\s*(?:#.*)?", line):
+        return f"; decimals follow a point, {found[1]}.{found[2]}"
+    return ""
 
 
 def _refuse_long(data: object, at: str) -> None:

@@ -77,7 +77,7 @@ _NAMES = {  # {word: its symbol}, for hints
         "cm": "centimetre centimeter",
         "in": "inch inche",
         "ft": "foot feet",
-        "g": "gram gramme gm",
+        "g": "gr gram gramme gm",
         "kg": "kilogram kilo",
         "t": "tonne",
         "lb": "pound lbm",

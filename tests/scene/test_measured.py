@@ -592,3 +592,20 @@ def test_bounds_have_the_unit_of_their_distribution():
         inner, low, high = spin(f"[{text}, 0, 0]")[0].parameters
         assert inner == rm.normal(10 * DEGREE, DEGREE)
         assert (low, high) == pytest.approx((0.0, 12 * DEGREE), rel=4e-16)
+
+
+@pytest.mark.parametrize(("line", "cure"), [
+    ("mass = 643.1 g", 'a number with its unit is a text, "643.1 g"'),
+    ("centre = [0, 0, 6cm]", 'a number with its unit is a text, "6cm"'),
+    ("mass = 0,6431", "decimals follow a point, 0.6431"),
+])  # fmt: skip
+def test_a_unit_without_quotes_gets_them(line, cure):
+    """TOML itself says: expected newline or end of document after a statement."""
+    with pytest.raises(SceneError, match="not valid TOML") as error:
+        rm.Scene.loads(f'title = """\n\n"""  # 5 g\n[body]\n{line}\n')
+    assert cure in str(error.value)
+    with pytest.raises(SceneError, match="not valid TOML") as error:
+        rm.Scene.loads('mass = "5 g"\n[body\n')
+    assert ";" not in str(error.value)
+    with pytest.raises(SceneError, match="did you mean 'g'"):
+        rm.Body.solid("ball", mass="5 gr", radius=0.1)
