@@ -125,8 +125,11 @@ class PreparedRun(SettledRun):
 
     def with_values(self, values: Mapping[str, ArrayLike]) -> "PreparedRun":
         """Return the run with other values of the varied parameters; see `run`."""
-        scene, count = with_values(self.scene, values)
-        moving = scene.model if self.units is None else self.units.model(scene.model)
+        settings = self.scene.run
+        model, count = with_values(self.scene.model, settings.varied or {}, values)
+        run = settings.model_copy(update={"first": 0, "members": count})
+        scene = replace(self.scene, run=run, **model._asdict())
+        moving = model if self.units is None else self.units.model(model)
         plan, layout = self.plan._replace(model=moving), self.layout._replace(scene=scene)
         return replace(self, plan=plan, layout=layout, members=Selection(0, count), pilot=None)
 
@@ -281,9 +284,11 @@ def prepare_scene(scene: Scene, plotted: int = 0) -> PreparedRun:
     plotted : number of members that, if few, save enough to plot; see
         `rigidmc.planning.saves.save_to_plot`
     """
-    if not scene.run.varied:
+    nominal = scene.run.varied
+    if not nominal:
         return _prepare_scene(scene, plotted)
-    run, values = _prepare_scene(open_varied(scene), 0), stored_values(scene)
+    run = _prepare_scene(scene.with_model(open_varied(scene.model, nominal)), 0)
+    values = stored_values(scene.model, nominal)
     if values is None:
         return run
     # a result with varied parameters keeps its original plan, and each member has its own values
@@ -311,7 +316,7 @@ def _prepare_scene(scene: Scene, plotted: int) -> PreparedRun:
     settled = moving if units is None else replace(scene, run=units.settings_back(run))
     layout = make_layout(settled, recorded, plan if units is None else units.back(plan))
     if run.varied:
-        layout = layout._replace(scene=close_varied(settled))
+        layout = layout._replace(scene=settled.with_model(close_varied(settled.model)))
     return PreparedRun(
         plan=plan,
         layout=layout,

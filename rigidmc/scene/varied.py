@@ -2,7 +2,6 @@
 values of the members."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,6 @@ from rigidmc.scene.parameters import (
     with_parameters,
 )
 from rigidmc.scene.quantities import Grid, Varied, count_rows
-from rigidmc.scene.scene import Scene
 from rigidmc.scene.units import in_si
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 from rigidmc.scene.vector_distributions.vectors import whole_of
@@ -96,30 +94,25 @@ def _middle(value: Any) -> float:
     return float(np.median(value))
 
 
-def open_varied(scene: Scene) -> Scene:
-    """Return the scene for planning: its varied parameters have the nominal values, marked as not
+def open_varied(model: Model, nominal: Nominal) -> Model:
+    """Return the model for planning: its varied parameters have the nominal values, marked as not
     constant; SceneError for unknown names."""
     marked = {
         name: tuple(map(Varied, value)) if isinstance(value, list) else Varied(value)
-        for name, value in (scene.run.varied or {}).items()
+        for name, value in nominal.items()
     }
-    names = variable_names(scene.model)
-    return scene.with_model(with_parameters(scene.model, marked, "varied", names))
+    return with_parameters(model, marked, "varied", variable_names(model))
 
 
-def close_varied(scene: Scene) -> Scene:
-    """Return a planned scene with plain numbers in place of the marked ones."""
-    model = scene.model.mapped(lambda q: q.value if isinstance(q, Varied) else q)
-    return scene.with_model(model)
+def close_varied(model: Model) -> Model:
+    """Return a planned model with plain numbers in place of the marked ones."""
+    return model.mapped(lambda q: q.value if isinstance(q, Varied) else q)
 
 
-def stored_values(scene: Scene) -> dict[str, Any] | None:
-    """Return {name: values by row, or a tuple of the columns of a vector} of a scene with varied
-    parameters.
-
-    None if it has only nominal values.
-    """
-    values = {name: value_at(scene.model, name) for name in scene.run.varied or {}}
+def stored_values(model: Model, names: Iterable[str]) -> dict[str, Any] | None:
+    """Return {name: values by row, or a tuple of the columns of a vector} of varied parameters;
+    None if the model has only nominal values."""
+    values = {name: value_at(model, name) for name in names}
     parts = [x for v in values.values() for x in (v if type(v) is tuple else (v,))]
     count = count_rows(*parts)
     if count is None or not all(isinstance(x, (float, np.ndarray)) for x in parts):
@@ -145,12 +138,13 @@ def _in_si(model: Model, name: str, array: Any) -> Any:
         raise OptionError(rule, at="values", nearest=error.nearest) from None
 
 
-def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, int]:
-    """Return (scene with the members' values of its varied parameters, number of members).
+def with_values(
+    model: Model, nominal: Nominal, values: Mapping[str, ArrayLike]
+) -> tuple[Model, int]:
+    """Return (model with the members' values of its varied parameters, number of members).
 
     Raises OptionError unless `values` has exactly the varied names, each with a row per member.
     """
-    nominal = scene.run.varied or {}
     for name in {**values, **nominal}:
         if name not in nominal:
             rule = f"is not varied; varied: {', '.join(nominal) or 'nothing'}"
@@ -159,8 +153,7 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
             raise OptionError(f"lacks {name}, which is varied", at="values")
     sizes = {name: len(v) if isinstance(v, list) else None for name, v in nominal.items()}
     in_rows = {
-        name: _rows(_in_si(scene.model, name, value), name, sizes[name])
-        for name, value in values.items()
+        name: _rows(_in_si(model, name, value), name, sizes[name]) for name, value in values.items()
     }
     count, changed = max(array.shape[0] if array.ndim else 0 for array in in_rows.values()), {}
     for name, array in in_rows.items():
@@ -174,10 +167,8 @@ def with_values(scene: Scene, values: Mapping[str, ArrayLike]) -> tuple[Scene, i
         columns = np.array(array.T, order="C")  # frozen, so that the scene copies no column again
         columns.flags.writeable = False
         changed[name] = columns if size is None else tuple(columns)
-    run = scene.run.model_copy(update={"first": 0, "members": count})
     # `open_varied` has checked the names: to list all that a solid has takes 1 ms
-    model = with_parameters(scene.model, changed, "varied", list(nominal))
-    return replace(scene, run=run, **model._asdict()), count
+    return with_parameters(model, changed, "varied", list(nominal)), count
 
 
 def _rows(value: Any, name: str, size: int | None) -> NDArray[np.float64]:

@@ -284,8 +284,9 @@ def test_members_do_not_differ_by_a_number_that_moves_the_inertia(tmp_path):
     scene = load(tmp_path, BODIES["on its axis, about the centre"])
     _, start = initial_block(scene.model, 7, 0, 1, True, block_rows(scene.effects, False))
     with pytest.raises(rm.RigidmcError, match="it also moves the inertia"):
-        make_sliders(scene, start, {"body.mass": None})
-    assert all(not slider.name.startswith("body.") for slider in make_sliders(scene, start, None))
+        make_sliders(scene.model, start, {"body.mass": None})
+    sliders = make_sliders(scene.model, start, None)
+    assert all(not slider.name.startswith("body.") for slider in sliders)
 
 
 def ends(tmp_path, name, settings=()):

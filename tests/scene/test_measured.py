@@ -3,7 +3,6 @@ and what is refused."""
 
 import re
 import tomllib
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -554,12 +553,13 @@ def test_custom_effects_state_their_units():
 def test_values_of_varied_parameters():
     pint = pytest.importorskip("pint")
     start, registry = rm.Start(omega=(0.0, 0.1, 1.0)), pint.UnitRegistry()
-    whole = rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=start)
-    whole = replace(whole, run=whole.run.model_copy(update={"varied": {"start.omega": [0, 0, 1]}}))
-    given, count = with_values(whole, {"start.omega": registry.Quantity(np.ones((2, 3)), "deg/s")})
+    whole, nominal = rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=start), {"start.omega": [0.0, 0.0, 1]}
+    rates = {"start.omega": registry.Quantity(np.ones((2, 3)), "deg/s")}
+    given, count = with_values(whole.model, nominal, rates)
     assert count == 2 and given.start.omega[0] == pytest.approx(DEGREE, rel=1e-15)
     with pytest.raises(OptionError, match=r"start\.omega is in rad/s, .*does not convert"):
-        with_values(whole, {"start.omega": registry.Quantity(np.ones((2, 3)), "mm")})
+        lengths = {"start.omega": registry.Quantity(np.ones((2, 3)), "mm")}
+        with_values(whole.model, nominal, lengths)
     cone = rm.Scene(whole.body, start=rm.Start(momentum=rm.Cone(3, 1.0, 0.1)))
     found = {name: unit_at(cone.model, name) for name in parameter_names(cone.model)}
     assert found["start.momentum.angle"] == "rad" and found["start.momentum.size"] == "kg m2 s-1"

@@ -233,7 +233,7 @@ def test_bodies_at_the_ends_of_sliders_exist(name):
     start = prepared.start
     moments, mass, centre = start["moments"][:, 0], start["mass"].reshape(-1)[0], start["centre"]
     offset = mass * ((centre[:, 0] ** 2).sum() - centre[:, 0] ** 2)
-    for slider in make_sliders(prepared.run.scene, start, None):
+    for slider in make_sliders(prepared.run.scene.model, start, None):
         for end in (slider.low, slider.high) if slider.kind == "moments" else ():
             own = np.where(np.arange(3) == slider.place, end, moments) - offset
             assert 2.0 * own.max() <= own.sum() * (1.0 + 1e-12)

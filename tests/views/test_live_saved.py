@@ -83,7 +83,7 @@ def test_hundred_saved_scenes_have_the_bits_of_the_page(name, browser, tmp_path)
     times = {"t_end": dt * some.uniform(100, 400), "every": dt * some.uniform(2, 9)}
     scene = scene.with_run(**times, members=3).with_run(**SCENES[name])
     live = live_run(scene, 3)
-    names = [slider.name for slider in make_sliders(live.run.scene, live.start, None)]
+    names = [slider.name for slider in make_sliders(live.run.scene.model, live.start, None)]
     if name == "dual_spin":  # the dissipation knows the momentum of the rotor
         names.append("effects.rotor.momentum.3")
     rm.live(scene, tmp_path / "page.html", dict.fromkeys(names))

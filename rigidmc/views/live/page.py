@@ -127,7 +127,7 @@ def _text(scene: Scene, asked: Mapping[str, Range | None] | None, count: int | N
         warnings.simplefilter("ignore", SceneWarning)  # of a run, which this is not
         prepared = live_run(scene, members)
         moving = prepared.run.scene
-        sliders = make_sliders(moving, prepared.start, asked)
+        sliders = make_sliders(moving.model, prepared.start, asked)
         engine = engine_data(prepared, members)
         moved = [_slider(slider) | saving_data(prepared, slider) for slider in sliders]
     plan, model = prepared.run.plan, moving.model

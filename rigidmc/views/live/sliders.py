@@ -1,7 +1,7 @@
 """The sliders of a live page: which numbers of a scene they move, and how far."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,12 +12,12 @@ from rigidmc.errors import OptionError, SceneError, unknown
 from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.effects import label_effects
-from rigidmc.physics.effects.protocol import facts, shape, user_parameters
+from rigidmc.physics.effects.protocol import facts, shape
 from rigidmc.planning.orbit_start import relative_to_orbit
 from rigidmc.results.labels import units_text
-from rigidmc.scene.parameters import parameters_of, unit_at
+from rigidmc.scene.model import Model
+from rigidmc.scene.parameters import END, parameters_of, path_of, unit_at
 from rigidmc.scene.quantities import is_shared
-from rigidmc.scene.scene import Scene
 from rigidmc.scene.stated import Stated, refused_numbers
 from rigidmc.scene.units import hint_of_units, in_si
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
@@ -27,6 +27,15 @@ Range = tuple[float | str, float | str]  # a text may have a unit, as "60 deg"
 WIDE = 3.0  # a slider reaches from a third of its number to three times it
 _LETTERS = {"phi": "φ", "theta": "θ", "psi": "ψ"}
 _INDICES = "₁₂₃"
+# {field of the body or start: (kind, where members have it, label)}
+_SHOWN = {
+    "moments": ("moments", "moments", "I{}"),
+    "mass": ("mass", "mass", "mass"),
+    "centre": ("centre", "centre", "centre{}"),
+    "omega": ("spin", "start_omega", "ω{}(0)"),
+    "momentum": ("spin", "start_momentum", "L{}(0)"),
+    "attitude": ("angle", "start_euler", "{}(0)"),
+}
 
 
 class Slider(NamedTuple):
@@ -65,7 +74,7 @@ class Slider(NamedTuple):
 
 
 def make_sliders(
-    scene: Scene, start: Mapping[str, Floats], asked: Mapping[str, Range | None] | None
+    model: Model, start: Mapping[str, Floats], asked: Mapping[str, Range | None] | None
 ) -> list[Slider]:
     """Return the sliders of a page.
 
@@ -74,10 +83,10 @@ def make_sliders(
         for moments, spin, lean and gravity
     Raises OptionError for a name that no slider can move, with the reason.
     """
-    sliders = {slider.name: slider for slider in _all(scene, start)}
+    sliders = {slider.name: slider for slider in _all(model, start)}
     if asked is None:
         return [slider for name, slider in sliders.items() if _is_usual(name)]
-    refused = _refusals(scene)
+    refused = _refusals(model)
     made = []
     for name, ends in asked.items():
         why = next((why for part, why in refused.items() if name.startswith(part)), None)
@@ -88,14 +97,14 @@ def make_sliders(
             raise unknown(kind, sliders, at="slider", value=name, error=OptionError)
         slider = sliders[name]
         if ends is not None:
-            slider = _between(slider, *(_end(scene, name, end) for end in ends))
+            slider = _between(slider, *(_end(model, name, end) for end in ends))
         made.append(slider)
     return made
 
 
-def _end(scene: Scene, name: str, end: float | str) -> float:
+def _end(model: Model, name: str, end: float | str) -> float:
     """Return the end of a slider in SI units; OptionError."""
-    at, units = f"slider.{name}", unit_at(scene.model, name)
+    at, units = f"slider.{name}", unit_at(model, name)
     try:
         return float(in_si(end, units, at))
     except SceneError as error:
@@ -131,9 +140,9 @@ def _is_usual(name: str) -> bool:
     )
 
 
-def _refusals(scene: Scene) -> dict[str, str]:
+def _refusals(model: Model) -> dict[str, str]:
     """Return {beginning of names: why no slider moves them}."""
-    model, refused = scene.model, dict[str, str]()
+    refused = dict[str, str]()
     if model.body.is_turned:
         rule = "the body is described in other axes than its principal axes"
         refused |= {"body.": rule, "start.": rule}
@@ -154,65 +163,53 @@ def _refusals(scene: Scene) -> dict[str, str]:
     return refused
 
 
-def _all(scene: Scene, start: Mapping[str, Floats]) -> list[Slider]:
-    """Return all sliders that a scene can have."""
-    model, refused, made = scene.model, _refusals(scene), list[Slider]()
-    parameters = parameters_of(model)
-    word = model.start.spin_name
-    spin = float(np.abs(start[f"start_{word}"]).max())
-
-    def add(name: str, label: str, kind: str, place: int, at: tuple[str, int], source: Any) -> None:
-        values = np.atleast_2d(start[at[0]])[at[1]]
-        is_common = bool((values == values[0]).all())
-        unit, by = units_text(parameters[name].unit), 1.0
+def _all(model: Model, start: Mapping[str, Floats]) -> list[Slider]:
+    """Return all sliders that a model can have."""
+    refused, made = tuple(_refusals(model)), list[Slider]()
+    spin = float(np.abs(start[f"start_{model.start.spin_name}"]).max())
+    labels, rows = label_effects(model.effects), _rows_of_effects(model.effects)
+    for name, parameter in parameters_of(model).items():
+        table, first, *rest = path_of(model, name)
+        field, places = (rest[0], rest[1:]) if table == "effects" else (first, rest)
+        is_number = len(places) < 2 and all(isinstance(place, int) for place in places)
+        if not is_number or name.startswith((*refused, END)):
+            continue
+        k, row, word = int(places[0]) if places else 0, 0, str(field)
+        if table == "effects":
+            label, part = labels[int(first)]
+            if model.body.is_turned and field in facts(part).in_body:
+                continue
+            kind, array, row = "effect", f"{label}_{field}", rows[int(first), word] + k
+            index = _INDICES[k] if (shape(part, word) or 0) <= 3 else str(k + 1)
+            shown = f"{field}{index if places else ''}"
+        else:
+            part, angle = getattr(model, str(table)), angle_names(model.start.sequence)[k]
+            kind, array, shown = _SHOWN[word]
+            shown = shown.format(_LETTERS.get(angle, angle) if kind == "angle" else _INDICES[k])
+        values = np.atleast_2d(start[array])[k]
+        source = getattr(part, word)
+        source = source[k] if places and isinstance(source, tuple) else source
+        is_one = bool((values == values[0]).all()) and is_shared(source)
+        unit, by = units_text(parameter.unit), 1.0
         if unit == "rad":
             unit, by = "°", 180.0 / math.pi
         number = float(values[0])
         low, high = _ends(kind, number, values, spin)
         if kind == "moments":
-            low, high = _possible(start, place, number, low, high)
-        row = place if kind == "effect" else 0
-        is_one = is_common and is_shared(source)
-        ends = number, low, high
-        made.append(Slider(name, label, unit, by, kind, place, row, *ends, source, is_one, *at))
-
-    if "body." not in refused:
-        for k in range(3):
-            source = _of_vector(model.body.moments, k)
-            add(f"body.moments.{k + 1}", f"I{_INDICES[k]}", "moments", k, ("moments", k), source)
-        add("body.mass", "mass", "mass", 0, ("mass", 0), model.body.mass)
-        for k in range(3):
-            source = _of_vector(model.body.centre, k)
-            add(f"body.centre.{k + 1}", f"centre{_INDICES[k]}", "centre", k, ("centre", k), source)
-    if not any(f"start.{word}".startswith(part) for part in refused if part != "body."):
-        letter = "ω" if word == "omega" else "L"
-        for k, source in enumerate(getattr(model.start, word)):
-            label = f"{letter}{_INDICES[k]}(0)"
-            add(f"start.{word}.{k + 1}", label, "spin", k, (f"start_{word}", k), source)
-    if "start_euler" in start and not any("start.attitude".startswith(p) for p in refused):
-        for k, angle in enumerate(angle_names(model.start.sequence)):
-            label, source = f"{_LETTERS.get(angle, angle)}(0)", model.start.attitude[k]
-            add(f"start.attitude.{angle}", label, "angle", k, ("start_euler", k), source)
-    row = layout.EFFECTS
-    for label, effect in label_effects(model.effects):
-        for field, value in zip(effect._fields, effect, strict=True):
-            count = shape(effect, field)
-            turned = model.body.is_turned and field in facts(effect).in_body
-            for k in range(count or 1):
-                name = f"effects.{label}.{field}" + (f".{k + 1}" if count else "")
-                source_of = value[k] if count and isinstance(value, tuple) else value
-                if field in user_parameters(effect) and not turned:
-                    words = (
-                        f"{field}{_INDICES[k] if count and count <= 3 else k + 1 if count else ''}"
-                    )
-                    add(name, words, "effect", row, (f"{label}_{field}", k), source_of)
-                row += 1
-    return [slider for slider in made if slider.name not in refused]
+            low, high = _possible(start, k, number, low, high)
+        at = row or k, row, number, low, high
+        made.append(Slider(name, shown, unit, by, kind, *at, source, is_one, array, k))
+    return made
 
 
-def _of_vector(vector: Any, k: int) -> Any:
-    """Return component k of a vector of numbers, or the distribution of the whole vector."""
-    return vector[k] if isinstance(vector, tuple) else vector
+def _rows_of_effects(effects: Sequence[Any]) -> dict[tuple[int, str], int]:
+    """Return {(index of an effect, its field): first row of the block}."""
+    rows, row = dict[tuple[int, str], int](), int(layout.EFFECTS)
+    for i, effect in enumerate(effects):
+        for field in effect._fields:
+            rows[i, field] = row
+            row += shape(effect, field) or 1
+    return rows
 
 
 def _ends(kind: str, number: float, values: Floats, spin: float) -> tuple[float, float]:
