@@ -90,7 +90,7 @@ def test_numbers_that_are_infinite_are_no_questions():
     with pytest.raises(OptionError, match="expected"):
         crossing_of(scene, "omega[1] = 1e999", "rises")
     with pytest.raises(OptionError, match="expected"):
-        period_of(scene, "every 1e999")
+        period_of(scene.effects, "every 1e999")
     with pytest.raises(OptionError, match="steps to the first point"):
         rm.section(scene, "every 1e308", members=8)
 

@@ -58,7 +58,7 @@ def test_a_scene_gives_means_and_covariances():
     full = ((1e-4, 5e-5, 0.0), (5e-5, 1e-4, 0.0), (0.0, 0.0, 4e-4))
     start = rm.Start(omega=rm.Correlated((1.0, 2.0, 3.0), full), attitude=(0.1, 0.2, 0.3))
     scene = rm.Scene(rm.Body((rm.uniform(1.0, 1.2), 1.1, 2.0)), rm.Gravity(9.81), start)
-    names, found = of_distributions(scene)
+    names, found = of_distributions(scene.model)
     assert names == ["body.moments.1", *(f"start.omega.{i}" for i in (1, 2, 3))]
     np.testing.assert_allclose(found[1:, 1:], full)
     np.testing.assert_allclose(found[0], [0.04 / 12.0, 0.0, 0.0, 0.0], rtol=1e-12)

@@ -244,7 +244,10 @@ def test_no_point_at_all():
 
 def test_values_and_periods_have_units():
     assert crossing_of(FREE, "omega[1] = 90 deg/s", "rises").value == pytest.approx(np.pi / 2.0)
-    assert period_of(FREE, "every 1h30m") == 5400.0 and period_of(FREE, "every 250 ms") == 0.25
+    assert (
+        period_of(FREE.effects, "every 1h30m") == 5400.0
+        and period_of(FREE.effects, "every 250 ms") == 0.25
+    )
     with pytest.raises(OptionError, match="mm is a length"):
         crossing_of(FREE, "omega[1] = 90 mm", "rises")
 

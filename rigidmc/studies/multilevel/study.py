@@ -60,6 +60,7 @@ from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.sampling import refuse_indexed
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.settings import Run
 from rigidmc.statistics.measures import save_for_measures
 from rigidmc.studies.framework.options import Example, Options, confidence_option, option
 from rigidmc.studies.framework.study import Study
@@ -130,8 +131,13 @@ def start(
 ) -> tuple[Scene, dict[str, Any]]:
     """Return (the scene of a study, its request); give the notes on the scene as warnings."""
     request = {**vars(options), "until": str(options.until)}
-    scene = _showing(_with_steps(scene), request["until"])
-    scene = scene.with_run(first=0, every=scene.run.t_end)
+    _check_run(scene.run)
+    refuse_indexed(scene.model, "every level draws its own members")
+    # the scene saves only the variables of the measure
+    names = (*default_names(scene.observables), *own(scene.observables))
+    finals = tuple(name for name in names if f"{name}_final" in request["until"])
+    saves = {"save": finals, "keep": "final", "first": 0, "every": scene.run.t_end}
+    scene = save_for_measures(scene.with_run(**saves), [request["until"]])
     refuse_count(options.batch, "members of a batch", MEMBER, "use a smaller batch")
     run = prepare_scene(scene)
     make_setup(run, **request)
@@ -205,9 +211,8 @@ def reduce(
     return dataset(setup, now, now.estimate)
 
 
-def _with_steps(scene: Scene) -> Scene:
-    """Return the scene; SceneError unless its members are independent and its step is fixed."""
-    run = scene.run
+def _check_run(run: Run) -> None:
+    """Raise SceneError unless the members are independent and their step is fixed."""
     if run.points != "independent":
         rule = "the levels of a study require independent members"
         raise SceneError(rule, at="run.points", value=run.points)
@@ -216,16 +221,6 @@ def _with_steps(scene: Scene) -> Scene:
     if run.integrator in ("auto", "closed"):
         rule = "levels require the steps of one integrator: name it"
         raise SceneError(rule, at="run.integrator", value=run.integrator)
-    refuse_indexed(scene.model, "every level draws its own members")
-    return scene
-
-
-def _showing(scene: Scene, until: str) -> Scene:
-    """Return the scene that saves only the variables of a measure."""
-    names = (*default_names(scene.observables), *own(scene.observables))
-    finals = tuple(name for name in names if f"{name}_final" in until)
-    shown: Scene = save_for_measures(scene.with_run(save=finals, keep="final"), [until])
-    return shown
 
 
 def dataset(

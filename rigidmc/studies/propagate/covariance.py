@@ -10,6 +10,7 @@ from scipy.linalg import block_diag
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.scene.distributions import Distribution, Mixture, Truncated
+from rigidmc.scene.model import Model
 from rigidmc.scene.parameters import value_at
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
@@ -78,15 +79,15 @@ def _mean_of(quantity: Any) -> Any:
     return mean
 
 
-def of_distributions(scene: Scene) -> tuple[list[str], Array]:
-    """Return (names of the numbers that a scene draws, their covariance (P, P)).
+def of_distributions(model: Model) -> tuple[list[str], Array]:
+    """Return (names of the numbers that a model draws, their covariance (P, P)).
 
     The means are in `at_means`. Raises SceneError if nothing is drawn.
     """
     names: list[str] = []
     blocks: list[Array] = []
-    for name in uncertain_numbers(scene.model)[0]:
-        value = value_at(scene.model, name)
+    for name in uncertain_numbers(model)[0]:
+        value = value_at(model, name)
         vector = value if isinstance(value, Correlated) else whole_of(value)
         if vector is not None:
             names += [f"{name}.{i}" for i in (1, 2, 3)]

@@ -155,7 +155,7 @@ def input_of(scene: Scene, options: PropagateOptions) -> Input:
         if options.wrt is not None:
             rule = "names the parameters of a covariance: give `covariance` or `deviations`, too"
             raise OptionError(rule, at="wrt", value=",".join(options.wrt))
-        names, covariance = of_distributions(scene)
+        names, covariance = of_distributions(scene.model)
         return Input(nominal, parameters_of_run(nominal.model, names), covariance, scene)
     if not options.wrt:
         raise OptionError("is missing: it names the parameters of the covariance", at="wrt")

@@ -1,7 +1,8 @@
 """The score: how near a member has come to the event, as a number that never decreases."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,7 +117,7 @@ def make_score(scene: Scene, of: str) -> tuple[Scene, Score]:
                     raise OptionError(rule, at="of", value=of)
                 return _until(scene, of, asked.number), Score(of, asked.result, 1.0, 1.0, False, i)
     grows = asked.result.name.endswith("_max" if more else "_min")
-    if is_noisy(scene) and not grows:
+    if is_noisy(scene.effects) and not grows:
         raise OptionError(RULE, at="of", value=of)
     sign = 1.0 if more else -1.0
     if asked.result.timed:
@@ -130,9 +131,9 @@ def make_score(scene: Scene, of: str) -> tuple[Scene, Score]:
     return scene, Score(of, asked.result, sign, sign * asked.number, strict)
 
 
-def is_noisy(scene: Scene) -> bool:
-    """Return whether an effect of a scene is random."""
-    return any(map(is_random, scene.effects))
+def is_noisy(effects: Iterable[Any]) -> bool:
+    """Return whether one of some effects is random."""
+    return any(map(is_random, effects))
 
 
 def _until(scene: Scene, of: str, end: float) -> Scene:

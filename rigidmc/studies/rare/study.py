@@ -136,7 +136,7 @@ def start(
     refuse_count(repetitions, "repetitions", REPETITION)
     refuse_count(members, "members", 4 * 8 * layout.EFFECTS, FEWER)
     moved, _ = make_score(scene, of)
-    if not is_noisy(moved) and not random_dimensions(moved.model):
+    if not is_noisy(moved.effects) and not random_dimensions(moved.model):
         rule = "nothing is random: no effect has noise, and all parameters of the scene are fixed"
         raise OptionError(rule, at="scene")
     request: dict[str, Any] = {
@@ -162,7 +162,9 @@ def cost_of(run: PreparedRun, request: Request, numbers: Sequence[int]) -> float
     """Return the member-steps of repetitions for an event of probability `target`, to a factor of
     2: a level of splitting takes half a run, a level of subset simulation a whole one."""
     members, depth = request["members"], -math.log(request["target"])
-    killed, part = (KILLED, 0.5 * KILLED) if is_noisy(run.scene) else (1.0 - KEPT, 1.0 - KEPT)
+    killed, part = (
+        (KILLED, 0.5 * KILLED) if is_noisy(run.scene.effects) else (1.0 - KEPT, 1.0 - KEPT)
+    )
     levels = depth / -math.log(1.0 - killed)
     return float(len(numbers) * members * (1.0 + part * levels) * run.plan.grid.steps)
 
@@ -172,7 +174,7 @@ def compute_repetitions(
 ) -> list[TaskArrays]:
     """Compute repetitions and return their results."""
     moved, score = make_score(run.scene, request["of"])
-    is_split, seed = is_noisy(moved), run.scene.run.seed
+    is_split, seed = is_noisy(moved.effects), run.scene.run.seed
     # without noise, a member has several score evaluations only for an event
     parts = PARTS if is_split or score.event is not None else 1
     results = []
@@ -218,7 +220,7 @@ def reduce(
     }
     attrs = {
         "of": request["of"],
-        "method": METHODS[is_noisy(scene)],
+        "method": METHODS[is_noisy(scene.effects)],
         "target": request["target"],
         "members": request["members"],
         "wanted": request["repetitions"],

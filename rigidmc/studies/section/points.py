@@ -7,7 +7,7 @@ checks its steps against steps of half the length.
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -214,7 +214,7 @@ def _in_si(scene: Scene, at: str) -> str:
         raise OptionError(error.rule, at="at", value=at, nearest=error.nearest) from None
 
 
-def period_of(scene: Scene, at: str) -> float | None:
+def period_of(effects: Sequence[Any], at: str) -> float | None:
     """Return the time between two points of "every NUMBER" [s]; None for a crossing; OptionError
     for a bad time."""
     if (match := _PERIOD.fullmatch(at)) is None:
@@ -225,7 +225,7 @@ def period_of(scene: Scene, at: str) -> float | None:
             return parse_seconds(word)
         except ValueError:
             raise OptionError(RULE, at="at", value=at) from None
-    for label, effect in label_effects(scene.effects):
+    for label, effect in label_effects(effects):
         if label == "gravity_gradient":
             mu, distance = effect.mu, effect.distance
             if isinstance(mu, float) and isinstance(distance, float):

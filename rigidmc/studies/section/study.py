@@ -89,7 +89,7 @@ def scene_of_points(scene: Scene, options: SectionOptions, settings: Mapping[str
     """Return the scene with the members of a section and the saves that it needs."""
     at = options.at
     refuse_count(scene.run.members, "members of a section", POINT, "use fewer members")
-    if period := period_of(scene, at):
+    if period := period_of(scene.effects, at):
         if not period / scene.run.dt < MOST_STEPS:
             rule = f"more than {MOST_STEPS:.3g} steps to the first point"
             raise OptionError(rule, at="at", value=at)
@@ -104,7 +104,7 @@ def scene_of_points(scene: Scene, options: SectionOptions, settings: Mapping[str
 def check_source(scene: Scene, result: xr.Dataset, options: SectionOptions) -> None:
     """Raise OptionError for a result without attitude, momentum and the quantity."""
     at = options.at
-    of = () if period_of(scene, at) else (crossing_of(scene, at, options.way).of.name,)
+    of = () if period_of(scene.effects, at) else (crossing_of(scene, at, options.way).of.name,)
     names = (*STATE, *of)
     for name in names:
         if name not in result or "time" not in result[name].dims:
@@ -128,7 +128,7 @@ def _saving(scene: Scene, *more: str, **settings: Any) -> Scene:
 def reduce(batches: Batches, options: SectionOptions) -> xr.Dataset:
     """Return the Dataset of the study of members: their points, in order."""
     scene, at = batches.scene, options.at
-    crossing = None if period_of(scene, at) else crossing_of(scene, at, options.way)
+    crossing = None if period_of(scene.effects, at) else crossing_of(scene, at, options.way)
     wider = _saving(scene, *((crossing.of.name,) if crossing else ()))
     recorded = wider.recording.recorded.items()
     observed = {
