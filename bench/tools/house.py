@@ -1,8 +1,9 @@
 """The shape of the code, measured: `python -m bench.house [--root DIR] [--times] [--markdown]`.
 
 The table has each measure at commit 1f1805b, now, and as asked; `--list NAME` prints what one of
-them counts. `--walk scene` (dt, state, observable, error) prints the functions that such a thing
-passes, in order, as "file: function". `--root DIR` measures another tree, whose package is DIR.
+them counts. `--walk scene` (dt, state, observable, parameter, error) prints the functions that such
+a thing passes, in order, as "file: function". `--root DIR` measures another tree, whose package is
+DIR.
 `--static` leaves out those measures for which the package runs; `--times` times it. How each is
 counted:
 

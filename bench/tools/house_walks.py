@@ -39,7 +39,8 @@ OBSERVABLE, OBSERVABLE_NAME = {"Flips", "Component", "FlipLevel"}, "flips"
 
 MOST, DEEP = 32, 3  # elements of a collection that are inspected; nesting of collections
 MANY, STEPS = 4096, 10  # members with values, and their steps: the kernel uses a third of the time
-WALKS = ("scene", "dt", "state", "observable", "error")
+WALKS = ("scene", "dt", "state", "observable", "parameter", "error")
+PARAMETER = "effects.gravity.g"  # by which a run of PATH_SCENE differentiates
 
 
 class Visit(NamedTuple):
@@ -158,6 +159,21 @@ def sees_state(frame: FrameType) -> str:
     )
 
 
+def sees_name(frame: FrameType) -> str:
+    """Return, for `follow`, the arguments that are or contain the name of PARAMETER."""
+    return ", ".join(
+        name
+        for name, value in arguments(frame)
+        if PARAMETER in ([value] if isinstance(value, str) else _texts(value))
+    )
+
+
+def _texts(value: Any) -> list[str]:
+    """Return the texts of a collection."""
+    parts = value if isinstance(value, (tuple, list, dict)) else ()
+    return [part for part in parts if isinstance(part, str)]
+
+
 @cache
 def reads_dt(code: CodeType) -> bool:
     """Return whether a function reads a name or attribute `dt`."""
@@ -214,6 +230,9 @@ def walk(what: str, root: Path) -> list[Visit]:
         return walk_of_path(root, lambda frame: "reads dt" * reads_dt(frame.f_code))
     if what == "error":
         return walk_of_error(root)
+    if what == "parameter":
+        settings = {"members": 32, "t_end": 1.0, "wrt": (PARAMETER,)}
+        return follow(simulate_call(load_package(root), PATH_SCENE, **settings), root, sees_name)
     package = interpreted(root)
     scene = package.Scene.load(LOOP_SCENES[0] if what == "observable" else PATH_SCENE)
     settings: dict[str, Any] = {"members": 2, "t_end": 4 * scene.run.dt, "threads": 1}
