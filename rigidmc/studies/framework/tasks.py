@@ -24,6 +24,7 @@ from rigidmc.runs.directory.load import check_versions, scene_of_run
 from rigidmc.runs.directory.resume import add_members, missing_of, read_resume
 from rigidmc.runs.directory.tasks import (
     Request,
+    Task,
     TaskArrays,
     compare_task,
     compute_tasks,
@@ -86,7 +87,19 @@ class Tasks(Work):
         run = prepare_scene(scene)
         for note in self.notes(run):
             warn(note)
-        done = compute_all(self, run, request, threads, progress, device)
+        done: dict[int, TaskArrays] = {}
+        with announce(progress):
+            while numbers := self.next(run, request, done):
+                if progress is True:
+                    say(self.price(run, request, numbers, threads, device))
+                many = self.together or tasks_at_once(threads)
+                with reporter(progress, len(numbers), 1) as report:
+                    for first in range(0, len(numbers), many):
+                        group = numbers[first : first + many]
+                        values = self.compute_some(run, request, group, threads, device)
+                        done |= zip(group, values, strict=True)
+                        report.step(len(group))
+                        report.poll()
         dataset = describe(self.reduce(run, request, done, options), scene)
         for note in self.doubts(dataset):
             warn(note)
@@ -95,9 +108,19 @@ class Tasks(Work):
     def stored(
         self, name: str, path: Path, options: Any, threads: int | None, allow_code: bool
     ) -> xr.Dataset:
-        """Return the study of the finished tasks of a run directory; FileError."""
-        scene, request, done = load_tasks(path, name, allow_code)
-        return describe(self.reduce(prepare_scene(scene), request, done, options), scene)
+        """Return the study of the finished tasks of a run directory; FileError for anything else,
+        and if no task is finished."""
+        directory = RunDirectory(path)
+        study = tasks_of(directory)
+        if study is None or study[0] != name:
+            rule = f"is not a run of `rigidmc {name} SCENE -o RUN/`"
+            raise FileError(rule, at="run", file=directory.path)
+        done = read_tasks(directory)
+        if not done:
+            rule = "no task is finished yet: resume it first"
+            raise FileError(rule, at="run", value=directory.path)
+        scene = scene_of_run(directory, allow_code)
+        return describe(self.reduce(prepare_scene(scene), study[2], done, options), scene)
 
     def create(
         self, name: str, design: Design, options: Any, path: Path, **ways: Any
@@ -129,34 +152,6 @@ class Tasks(Work):
         )
 
 
-def compute_all(
-    tasks: Tasks,
-    run: PreparedRun,
-    request: Request,
-    threads: int,
-    progress: Progress = False,
-    device: str | None = None,
-) -> dict[int, TaskArrays]:
-    """Compute all tasks of a study now; return {number: result}.
-
-    progress : as in `simulate`, counting tasks in place of member-steps; True also reports the cost
-    """
-    done: dict[int, TaskArrays] = {}
-    with announce(progress):
-        while numbers := tasks.next(run, request, done):
-            if progress is True:
-                say(tasks.price(run, request, numbers, threads, device))
-            many = tasks.together or tasks_at_once(threads)
-            with reporter(progress, len(numbers), 1) as report:
-                for first in range(0, len(numbers), many):
-                    group = numbers[first : first + many]
-                    values = tasks.compute_some(run, request, group, threads, device)
-                    done |= zip(group, values, strict=True)
-                    report.step(len(group))
-                    report.poll()
-    return done
-
-
 def tasks_of(directory: RunDirectory) -> tuple[str, Tasks, dict[str, Any]] | None:
     """Return (name, work, request) of the study of a run directory; None if it stores members;
     FileError."""
@@ -183,7 +178,7 @@ def resume_study(
 
     Raises OptionError for a range of tasks if further tasks are still unknown.
     """
-    tasks, run, request = _prepared(directory, allow_code)
+    tasks, run, request, task = _prepared(directory, allow_code, device)
     accept, cluster = options.get("accept", False), options.get("cluster")
     how = read_resume(only, max_wall, cluster, accept, allow_code, device)
     threads, progress = options.get("threads"), options.get("progress", False)
@@ -195,13 +190,7 @@ def resume_study(
             numbers = [int(directory.members(int(i))[0]) for i in missing_of(directory, only)]
             if numbers:
                 say(tasks.price(run, request, numbers, many, device))
-        now = resume_tasks(
-            directory,
-            lambda numbers, threads: tasks.compute_some(run, request, numbers, threads, device),
-            work,
-            machine,
-            how,
-        )
+        now = resume_tasks(directory, task, work, machine, how)
         flagged = {word: flagged.get(word, 0) + count for word, count in now.items()}
         if directory.missing().size or not directory.facts["growing"]:
             return directory, flagged
@@ -214,34 +203,11 @@ def resume_study(
             return directory, flagged
 
 
-def load_tasks(
-    path: Path, name: str, allow_code: bool = False
-) -> tuple[Scene, Any, dict[int, TaskArrays]]:
-    """Return (scene, request, {number: result}) of the finished tasks of a run directory.
-
-    name : the expected study;  raises FileError for anything else, and if no task is finished
-    """
-    directory = RunDirectory(path)
-    study = tasks_of(directory)
-    if study is None or study[0] != name:
-        rule = f"is not a run of `rigidmc {name} SCENE -o RUN/`"
-        raise FileError(rule, at="run", file=directory.path)
-    done = read_tasks(directory)
-    if not done:
-        raise FileError("no task is finished yet: resume it first", at="run", value=directory.path)
-    return scene_of_run(directory, allow_code), study[2], done
-
-
 def work(directory: RunDirectory, i: int, how: Resume) -> dict[str, int]:
     """Compute one task of a run directory, as a worker on a cluster."""
     check_versions(directory, how.accept)
-    tasks, run, request = _prepared(directory, how.allow_code)
-    return compute_tasks(
-        directory,
-        lambda numbers, threads: tasks.compute_some(run, request, numbers, threads, how.device),
-        [i],
-        Machine(1, "cpu", 1),
-    )
+    *_, task = _prepared(directory, how.allow_code, how.device)
+    return compute_tasks(directory, task, [i], Machine(1, "cpu", 1))
 
 
 def verify_study(
@@ -255,22 +221,24 @@ def verify_study(
     faults = verify(path, 0, allow_code)
     if faults or not spot:
         return faults
-    tasks, run, request = _prepared(directory, allow_code)
+    *_, task = _prepared(directory, allow_code)
     many, done = threads or threads_available(), sorted(directory.shards())
-
-    def task(numbers: Sequence[int], threads: int) -> list[TaskArrays]:
-        return tasks.compute_some(run, request, numbers, threads, None)
-
     chosen = sorted(random.sample(done, min(spot, len(done))))
     again = (compare_task(directory, i, task, many) for i in chosen)
     return [fault for fault in again if fault]
 
 
 def _prepared(
-    directory: RunDirectory, allow_code: bool
-) -> tuple[Tasks, PreparedRun, dict[str, Any]]:
-    """Return (work, run of its tasks, request) of a run directory of a study."""
+    directory: RunDirectory, allow_code: bool, device: str | None = None
+) -> tuple[Tasks, PreparedRun, dict[str, Any], Task]:
+    """Return (work, run of its tasks, request, function that computes tasks) of a run directory of
+    a study."""
     study = tasks_of(directory)
     assert study is not None
     _, tasks, request = study
-    return tasks, prepare_scene(scene_of_run(directory, allow_code)), request
+    run = prepare_scene(scene_of_run(directory, allow_code))
+
+    def task(numbers: Sequence[int], threads: int) -> list[TaskArrays]:
+        return tasks.compute_some(run, request, numbers, threads, device)
+
+    return tasks, run, request, task
