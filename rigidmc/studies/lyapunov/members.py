@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.compiler.memory import allocate_block
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.program import Program
 from rigidmc.engine.threads import run_blocks
 from rigidmc.errors import OptionError
 from rigidmc.planning.initial import noise_keys
@@ -44,11 +43,33 @@ def compute_members(
     done: dict[int, TaskArrays] = {}
 
     def make(number: int) -> BlockJob:
+        """Return a block of members with their tangents at the start."""
         first, count = number * size, min(size, run.members.size - number * size)
-        place = run.members.first + first
-        rows = run.initial(place, count)[0]
-        members = run.members.indices(place, rows.shape[1])
-        return _job(plan, program, kept, (first, count), members, rows)
+        rows = run.initial(run.members.first + first, count)[0]
+        order, slots = None, 1
+        if plan.has_member_steps:
+            order, slots = order_by_steps(rows), int(rows[layout.STEPS].max())
+            rows = rows[:, order]
+        largest = 1.0 / rows[layout.BODY : layout.BODY + 3].min(axis=0)
+        rate = rate_bounds(plan.model.effects, rows)
+        scale = largest * np.where(np.isfinite(rate) & (rate > 0.0), rate, 1.0)
+        block = allocate_block((1 + COUNT) * rows.shape[0], rows.shape[1])
+        block[:] = with_tangents(rows, scale)
+        members = run.members.indices(run.members.first + first, rows.shape[1])
+        return BlockJob(
+            first=first,
+            size=count,
+            members=members,
+            start={},
+            program=TangentProgram(program, scale, kept),  # type: ignore[arg-type]  # only `through`
+            noise=noise_keys(plan.model.effects, plan.run.seed, members),
+            block=block,
+            order=order,
+            out=np.empty(0),
+            width=0,
+            column=0,
+            steps=steps_of(plan, slots),
+        )
 
     def finished(job: BlockJob) -> None:
         done[job.first // size] = _results(job)
@@ -58,47 +79,10 @@ def compute_members(
     return [done[number] for number in numbers]
 
 
-def _job(
-    plan: Plan,
-    program: Program,
-    kept: NDArray[np.int64],
-    place: tuple[int, int],
-    members: NDArray[np.int64],
-    rows: Array,
-) -> BlockJob:
-    """Return a block of members with their tangents at the start.
-
-    place : of the first one in the study, and their number;  members, rows : with the padding
-    """
-    order, slots = None, 1
-    if plan.has_member_steps:
-        order, slots = order_by_steps(rows), int(rows[layout.STEPS].max())
-        rows = rows[:, order]
-    largest = 1.0 / rows[layout.BODY : layout.BODY + 3].min(axis=0)
-    rate = rate_bounds(plan.model.effects, rows)
-    scale = largest * np.where(np.isfinite(rate) & (rate > 0.0), rate, 1.0)
-    block = allocate_block((1 + COUNT) * rows.shape[0], rows.shape[1])
-    block[:] = with_tangents(rows, scale)
-    return BlockJob(
-        first=place[0],
-        size=place[1],
-        members=members,
-        start={},
-        program=TangentProgram(program, scale, kept),  # type: ignore[arg-type]  # `through` only
-        noise=noise_keys(plan.model.effects, plan.run.seed, members),
-        block=block,
-        order=order,
-        out=np.empty(0),
-        width=0,
-        column=0,
-        steps=steps_of(plan, slots),
-    )
-
-
 def _results(job: BlockJob) -> TaskArrays:
     """Return the growth and the status of the members of a block, in their order."""
     program: Any = job.program
     back = slice(None) if job.order is None else np.argsort(job.order)
     status = job.block[layout.STATUS].astype("i1")
-    arrays = {**program.history._asdict(), "flag": status}
+    arrays = {**program.history, "flag": status}
     return {name: x[..., back][..., : job.size].copy() for name, x in arrays.items()}

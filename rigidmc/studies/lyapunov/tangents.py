@@ -9,7 +9,6 @@ Antonopoulos, Physica D 231 (2007) 30.
 """
 
 from collections.abc import Generator
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,28 +127,22 @@ class Growth:
         return np.cumsum(self._grown.value - self._stretched.value, axis=0)[1:]
 
 
-class GrowthHistory(NamedTuple):
-    """The growth of the tangents at saves: `logarithms` (saves, COUNT, n) and `log_gali`
-    (saves, COUNT - 1, n) of a `Growth`, nan from the save on at which a member is flagged."""
-
-    logarithms: Array
-    log_gali: Array
-
-
 class TangentProgram:
     """A Program with the tangents of one block, orthonormal after each save of the plan.
 
     program : with TANGENTS;  scale : as in `with_tangents`
     kept : numbers of the saves at which the growth is kept, increasing
+    history : {property of `Growth`: (saves, ..., n)}, nan from the save on at which a member is
+        flagged
     """
 
     def __init__(self, program: Program, scale: Array, kept: NDArray[np.int64]) -> None:
         self.program, self._scale, self._growth = program, scale, Growth(scale.size)
         self._slots = {int(save): slot for slot, save in enumerate(kept)}
-        self.history = GrowthHistory(
-            np.full((kept.size, COUNT, scale.size), np.nan),
-            np.full((kept.size, COUNT - 1, scale.size), np.nan),
-        )
+        self.history = {
+            name: np.full((kept.size, rows, scale.size), np.nan)
+            for name, rows in (("logarithms", COUNT), ("log_gali", COUNT - 1))
+        }
 
     def through(
         self, block: Array, steps: StepRange, noise: NoiseKeys, saves: SaveTarget
@@ -173,7 +166,5 @@ class TangentProgram:
             tangents[:, STATE] = vectors[:, 7:]
             if (slot := self._slots.get(save)) is not None:
                 healthy = block[layout.STATUS] == 0.0
-                for kept, now in zip(
-                    self.history, (self._growth.logarithms, self._growth.log_gali), strict=True
-                ):
-                    kept[slot] = np.where(healthy, now, np.nan)
+                for name, saves in self.history.items():
+                    saves[slot] = np.where(healthy, getattr(self._growth, name), np.nan)
