@@ -79,12 +79,6 @@ def compute_batches(
                     progress(members.stop - first, count)
 
 
-def split_result(result: xr.Dataset, size: int) -> Iterator[xr.Dataset]:
-    """Yield a result, `size` members at a time."""
-    for low in range(0, result.sizes["member"], size):
-        yield result.isel(member=slice(low, low + size))
-
-
 class Batches(NamedTuple):
     """The members of a study as results, in batches; the argument of `reduce`.
 
@@ -183,8 +177,9 @@ class Members(Work):
                 raise OptionError(rule, at="run.save", value=list(scene.run.save))
         self.check(scene, result, options)
         size = _size(self.batch, result.sizes.get("time", 1))
-        batches = Batches(scene, split_result(result, size), result, threads)
-        return describe(self.reduce(batches, options), scene)
+        firsts = range(0, result.sizes["member"], size)
+        parts = (result.isel(member=slice(first, first + size)) for first in firsts)
+        return describe(self.reduce(Batches(scene, parts, result, threads), options), scene)
 
 
 def _size(batch: int | Callable[[int], int], saves: int) -> int:
@@ -197,11 +192,6 @@ TUNING = ("integrator", "dt", "turn", "t_end", "tolerance", "seed", "dtype", "co
 KEPT = 64  # least memory of a member in a study [bytes]: a few numbers, and copies of them
 
 
-def family_size(scene: Scene) -> int:
-    """Return the number of members in a family of a scene."""
-    return cast(FamilyDesign, make_sampler(scene.model, scene.run)).size
-
-
 def drawn_families(scene: Scene, texts: Sequence[str], design: str, families: int) -> Scene:
     """Return the scene with `families` families of members, drawn by a design, that saves the
     variables of the measures; NoRoom for too many families.
@@ -210,7 +200,7 @@ def drawn_families(scene: Scene, texts: Sequence[str], design: str, families: in
     """
     scene = save_for_measures(scene.with_run(points=design), texts)
     save = tuple(name for name in scene.run.save if name not in bare_observables())
-    of_family = family_size(scene)
+    of_family = cast(FamilyDesign, make_sampler(scene.model, scene.run)).size
     refuse_count(families, "families", KEPT * of_family, "use fewer families")
     drawn: Scene = scene.with_run(save=save, members=families * of_family, first=0)
     return drawn

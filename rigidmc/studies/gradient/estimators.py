@@ -38,7 +38,9 @@ def of_quantile(values: Array, rates: Array, level: float, confidence: float) ->
     order = np.argsort(values[there], kind="stable")
     y = rates[there][order]
     x = (np.arange(n) + 0.5) / n - level
-    h = max(n ** (-1.0 / 3.0), 1.5 * NEARBY / n, _reach(level, n))
+    # at an end, NEARBY members on the inner side of the level
+    reach = NEARBY / n - min(level, 1.0 - level) + 0.5 / n
+    h = max(n ** (-1.0 / 3.0), 1.5 * NEARBY / n, reach)
     weights = np.clip(1.0 - (x / h) ** 2, 0.0, None)
     s0, s1, s2 = (float((weights * x**k).sum()) for k in (0, 1, 2))
     size = s0 * s2 - s1 * s1
@@ -53,11 +55,6 @@ def of_quantile(values: Array, rates: Array, level: float, confidence: float) ->
         variance
     )
     return Interval(value, value - half, value + half)
-
-
-def _reach(level: float, n: int) -> float:
-    """Return the half-width that has NEARBY members on the inner side of a level at an end."""
-    return NEARBY / n - min(level, 1.0 - level) + 0.5 / n
 
 
 def terms_of(values: Array, scores: Array) -> Array:

@@ -278,8 +278,7 @@ def _change(
             high, above = middle, motion
     more = above if last > first else below
     leaving = more.motion_values[int(more.motion_values.real.argmax())]
-    turning = (
-        float(abs(leaving.imag)) * more.system.mechanics.rate if abs(leaving.imag) > 1e-3 else 0.0
-    )
+    turning = float(abs(leaving.imag))
+    turning = turning * more.system.mechanics.rate if turning > 1e-3 else 0.0
     value = 0.5 * (low + high)
     return Event(number, value, step, *_nearest(below, others), turning, (first, last))
