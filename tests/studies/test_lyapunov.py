@@ -10,7 +10,7 @@ from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.planning.steps import rate_bounds
 from rigidmc.runs.prepare import prepare_scene
-from rigidmc.studies.lyapunov import members, tangents
+from rigidmc.studies.lyapunov import tangents
 from rigidmc.studies.lyapunov.study import TURN, sali_of, table
 
 WEIGHT = 1.0
@@ -109,8 +109,8 @@ def test_a_member_depends_on_nothing_else():
     assert some.gali.equals(whole.gali.isel(member=slice(65, 68)))
     moved, request = rm.lyapunov.design(top(45.0), members=70, **RK4)
     moved = prepare_scene(moved)
-    wide = members.compute_members(moved, {**request, "size": 96}, [0], 1, None)[0]
-    parts = members.compute_members(moved, request, [0, 1, 2], 2, "cpu")
+    wide = tangents.compute_members(moved, {**request, "size": 96}, [0], 1, None)[0]
+    parts = tangents.compute_members(moved, request, [0, 1, 2], 2, "cpu")
     for name, values in wide.items():
         assert np.array_equal(values, np.concatenate([one[name] for one in parts], axis=-1))
     few = rm.lyapunov(top(45.0), members=3, first=65, every=RK4["t_end"], **RK4)
@@ -192,7 +192,7 @@ def test_what_has_no_exponents_is_refused():
     with pytest.raises(SceneError, match=r"integrator = 'closed': has no steps.*use exact"):
         rm.lyapunov(free, integrator="closed", t_end=1.0)
     with pytest.raises(OptionError, match="device = 'cuda:0': a spectrum is computed on the CPU"):
-        members.compute_members(prepare_scene(scene), {"keep": 1, "size": 32}, [0], 1, "cuda:0")
+        tangents.compute_members(prepare_scene(scene), {"keep": 1, "size": 32}, [0], 1, "cuda:0")
     with pytest.raises(OptionError, match="interval = -1"):
         rm.lyapunov(scene, interval=-1.0, **RK4)
 

@@ -7,7 +7,7 @@ import rigidmc as rm
 from rigidmc.errors import OptionError
 from rigidmc.runs.directory import resume
 from rigidmc.scene.parameters import with_parameter
-from rigidmc.studies.framework.sides import read_side
+from rigidmc.studies.framework.options import read_side
 from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.stability_map.question import make_request

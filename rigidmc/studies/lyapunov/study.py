@@ -69,8 +69,7 @@ from rigidmc.studies.framework.options import Example, Options, Time, confidence
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.framework.tasks import Tasks
 from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
-from rigidmc.studies.lyapunov.members import compute_members, kept_saves
-from rigidmc.studies.lyapunov.tangents import COUNT
+from rigidmc.studies.lyapunov.tangents import COUNT, compute_members, kept_saves
 
 Array = NDArray[np.float64]
 # rad: turn of the fastest of the first members between two orthonormalisations, at the bound on its

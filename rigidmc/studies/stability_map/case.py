@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.framework.sides import Side
+from rigidmc.studies.framework.options import Side
 from rigidmc.studies.stability_map.question import Borders
 
 

@@ -20,7 +20,7 @@ from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 from rigidmc.statistics.measures import measure, save_for_measures
-from rigidmc.studies.framework.sides import Side
+from rigidmc.studies.framework.options import Side
 from rigidmc.studies.stability_map.cases import MAPS
 from rigidmc.studies.stability_map.pixels import (
     MapRun,

@@ -11,7 +11,7 @@ from rigidmc.inputs.amounts import read_count
 from rigidmc.scene.parameters import with_parameter
 from rigidmc.scene.quantities import Grid, grid
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.framework.sides import Side, Whole, whole_side
+from rigidmc.studies.framework.options import Side, Whole, whole_side
 
 MOST = 4096  # pixels per side
 LAYERS, MOST_LAYERS = 6, 64

@@ -25,7 +25,7 @@ from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.directory.load import load_run, scene_of_run
 from rigidmc.runs.directory.resume import add_members, resume
 from rigidmc.scene.scene import Scene, scene_of
-from rigidmc.studies.framework.sides import Whole
+from rigidmc.studies.framework.options import Whole
 from rigidmc.studies.stability_map.compute import (
     Progress,
     describe_map,

@@ -40,8 +40,7 @@ from rigidmc.files.outputs import Path
 from rigidmc.results.labels import count_text
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.framework.options import Example, Options, Words, option
-from rigidmc.studies.framework.sides import SIDE, Side
+from rigidmc.studies.framework.options import SIDE, Example, Options, Side, Words, option
 from rigidmc.studies.framework.study import Study
 from rigidmc.studies.framework.work import Work
 from rigidmc.studies.stability_map.compute import prepare_map, replicas_of, run_map
