@@ -55,10 +55,7 @@ def compile_in_helper(keys: Sequence[KernelKey]) -> Iterator[None]:
 
 def _start_helper(keys: Sequence[KernelKey]) -> subprocess.Popen[str] | None:
     """Return the process, None if the system cannot start one."""
-    written = [
-        [_name(key.function), _to_json(key.parts), key.dtype, key.lanes, key.arguments]
-        for key in keys
-    ]
+    written = [_to_json((_name(key.function), *key[1:-2], key.tangents)) for key in keys]
     try:
         process = start_helper(__name__, answers=False)
     except OSError:
@@ -71,11 +68,9 @@ def _start_helper(keys: Sequence[KernelKey]) -> subprocess.Popen[str] | None:
 
 def main() -> None:
     """Compile the kernels listed on standard input."""
-    for function, parts, dtype, lanes, arguments in json.load(sys.stdin):
+    for name, parts, dtype, lanes, arguments, tangents in map(_from_json, json.load(sys.stdin)):
         record = record_type(dtype) if "r" in arguments else None
-        compile_kernel(
-            KernelKey(_lookup(function), _from_json(parts), dtype, lanes, arguments, record)
-        )
+        compile_kernel(KernelKey(_lookup(name), parts, dtype, lanes, arguments, record, tangents))
 
 
 def _name(thing: Callable[..., Any]) -> str:

@@ -59,21 +59,9 @@ def values(formula):
 
 
 def fill(
-    tree,
-    numbers,
-    workspace,
-    flat,
-    table,
-    fields,
-    index,
-    columns,
-    extra,
-    count,
-    out,
-    width,
-    begin,
+    tree, numbers, workspace, flat, table, fields, index, columns, extra, count, out, width, begin,
     end,
-):
+):  # fmt: skip
     """Compute out[:, e] = values of the formula with fields table[index[e]] and columns[:, e].
 
     begin, end : elements, begin <= e < end
@@ -244,15 +232,9 @@ class AdvancedState(NamedTuple):
         q, l = step(
             self.integrator, self.body, self.effects, self.t, self.h, part, self.q, self.l, ()
         )
-        zero = 0.0 * self.t
+        zero, t = 0.0 * self.t, self.t + self.h
         start = zero, zero, zero, zero
-        return (
-            q
-            + l
-            + observe_all(
-                self.observables, self.body, self.effects, self.t + self.h, q, l, start, ()
-            )
-        )
+        return q + l + observe_all(self.observables, self.body, self.effects, t, q, l, start, ())
 
 
 def observe_all(observables, body, effects, t, q, l, start, works):

@@ -169,11 +169,16 @@ def _torque(effect, body, t, q, l):
     return total_torque((effect,), body, t, q, l)
 
 
+def state_at(at):
+    """Return (body, q, L, t, h) in the rows of a probe."""
+    return tree_unflatten(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
+
+
 def _all_methods(tree, numbers, at):
     """Compiled to find out whether all methods of an effect run on vectors."""
     (effect,), _ = tree_unpack(tree, numbers)
     effect = tree_unflatten(effect, at, 30)
-    body, q, l, t, h = tree_unflatten(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
+    body, q, l, t, h = state_at(at)
     put_rows(
         torque(effect, body, t, q, l)
         + kick(effect, body, t, h, q, l)
@@ -212,7 +217,6 @@ def _code(function: Callable[..., Any], *arguments: Any) -> str:
     return str(lower(function, kinds).library.get_llvm_str())
 
 
-_UNIT_BODY = MassProperties(*[1.0] * 9)
 _why_scalar_parts: dict[Any, str] = {}  # by the types of the part and of the effects
 
 
@@ -303,7 +307,7 @@ def _probe_observable(tree, numbers, at):
     """Compiled to find out whether all methods of an observable run on vectors."""
     observable, effects = tree_unpack(tree, numbers)
     effects_here = tree_unflatten(effects, at, 30)
-    body, q, l, t = tree_unflatten(_UNIT_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7]
+    body, q, l, t, _ = state_at(at)
     put_rows(value(observable, body, effects_here, t, q, l, four_at(at, 8), ()), at, 0)
     height = level(observable, body, effects_here, t, q, l)
     waits = armed(observable, body, q, l, height, height < 0.0)
@@ -335,13 +339,7 @@ def _probe_integrator(tree, numbers, at):
     """Compiled to find out whether a step runs on vectors."""
     integrator, effects = tree_unpack(tree, numbers)
     present = tree_unflatten(effects, at, 30)
-    body, q, l, t, h = (
-        tree_unflatten(_UNIT_BODY, at, 8),
-        four_at(at, 0),
-        three_at(at, 4),
-        at[7],
-        at[29],
-    )
+    body, q, l, t, h = state_at(at)
     substep = h, h, h
     q, l = to_stepping(integrator, body, present, t, substep, q, l)
     constants_of_step = precompute(integrator, body, substep, l)

@@ -21,8 +21,6 @@ from rigidmc.engine.compiler.kernels import (
     config,
     is_compiled,
 )
-from rigidmc.engine.compiler.libraries import LINE
-from rigidmc.engine.compiler.memory import allocate_aligned
 from rigidmc.engine.compiler.trees import tree_size
 from rigidmc.engine.kernel import last_interval, layout, member, monitoring
 from rigidmc.engine.kernel.arguments import (
@@ -39,7 +37,7 @@ from rigidmc.engine.kernel.block import TRACE, advance
 from rigidmc.engine.kernel.events import TRIES, refine_event
 from rigidmc.engine.kernel.growth import begin_growth, record_growth
 from rigidmc.engine.kernel.march import march
-from rigidmc.engine.machine import vector_bits
+from rigidmc.engine.machine import LINE, allocate_aligned, vector_bits
 from rigidmc.engine.program_spec import Derivatives, ProgramSpec
 from rigidmc.physics.dynamics.methods import flag, implements, static_count
 from rigidmc.physics.effects import label_effects

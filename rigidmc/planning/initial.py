@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.compiler.memory import allocate_block
 from rigidmc.engine.formulas import energies
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
+from rigidmc.engine.machine import allocate_block
 from rigidmc.engine.streams import key_of, stream_of, uniforms
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.euler_angles import angle_names

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.compiler.memory import allocate_block
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.layout import RowMap
+from rigidmc.engine.machine import allocate_block
 from rigidmc.engine.program_spec import NO_DERIVATIVES, Derivatives
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.methods import Flag, implements

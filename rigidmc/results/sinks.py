@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.compiler.memory import allocate_aligned
 from rigidmc.engine.kernel.layout import whole_lanes
+from rigidmc.engine.machine import allocate_aligned
 from rigidmc.engine.threads import Keeper
 from rigidmc.results.layout import ResultLayout, Selection
 from rigidmc.scene.recording import Labelled

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.compiler.memory import allocate_block
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import StepRange
 from rigidmc.engine.kernel.layout import LANES, whole_lanes
+from rigidmc.engine.machine import allocate_block
 from rigidmc.engine.program import NO_SAVES
 from rigidmc.errors import SceneError
 from rigidmc.planning import monitors

@@ -106,23 +106,16 @@ class InlinedFunction(DispatchedFunction):
     def signature_of(self, context: Any, args: Any, kws: Any) -> Any:
         """Return the signature for arguments of these types, and compile it if necessary."""
         folded = fold_arguments(
-            self.parameters, args, kws, _given, _omitted, lambda *each: types.StarArgTuple(each[2])
-        )
+            self.parameters, args, kws,
+            lambda place, parameter, kind: kind,
+            lambda place, parameter, default: types.Omitted(default),
+            lambda place, parameter, kinds: types.StarArgTuple(kinds),
+        )  # fmt: skip
         if folded not in self.signatures:
             code = lower_function(rule_for(self.function, folded), folded)
             self.compiled[folded] = code.entry_point
             self.signatures[folded] = code.signature.replace(pysig=self.parameters)
         return self.signatures[folded]
-
-
-def _given(place: int, parameter: Any, kind: Any) -> Any:
-    """Return the type of a given argument."""
-    return kind
-
-
-def _omitted(place: int, parameter: Any, default: Any) -> Any:
-    """Return the type of an omitted argument."""
-    return types.Omitted(default)
 
 
 @cache

@@ -180,22 +180,9 @@ def _free_flow(body, halvings, panels, h, l):
     turn, change = flow_about_momentum(body, halvings, panels, h, l)
     # At rest L has no axis, but a small L turns the body by h omega, in any direction, and stays.
     rests, v = logical_not(is_moving(dot(l, l))), scale(0.5 * h, angular_velocity(body, l))
-    turn = select_all(
-        rests,
-        (
-            without_derivatives(turn[0]),
-            chained(v[0], without_derivatives(turn[1]), 1.0 + 0.0 * h),
-            chained(v[1], without_derivatives(turn[2]), 1.0 + 0.0 * h),
-            chained(v[2], without_derivatives(turn[3]), 1.0 + 0.0 * h),
-        ),
-        turn,
-    )
-    still = (
-        without_derivatives(change[0]),
-        without_derivatives(change[1]),
-        without_derivatives(change[2]),
-    )
-    return turn, select_all(rests, still, change)
+    by_v = _with_tangents_of(v, turn[1:], 1.0 + 0.0 * h)
+    turn = select_all(rests, (without_derivatives(turn[0]),) + by_v, turn)
+    return turn, select_all(rests, _plain(change), change)
 
 
 def _symmetric_flow(body, h, l):

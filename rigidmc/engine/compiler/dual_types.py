@@ -26,6 +26,7 @@ from rigidmc.engine.compiler.vector_types import (
     MaskType,
     VectorType,
     broadcast,
+    comparison,
     llvm_type,
     of_llvm,
 )
@@ -61,11 +62,6 @@ class _Model(PrimitiveModel):
 def is_dual_llvm(ty: Any) -> bool:
     """Return whether a type of LLVM is that of a Dual."""
     return isinstance(ty, ir.LiteralStructType) and len(ty) == 3 and ty.elements[2] == _MARK
-
-
-def value_of_dual(builder: Any, ty: DualType, x: Any) -> Any:
-    """Return LLVM code for the value of a Dual."""
-    return builder.extract_value(x, 0)
 
 
 def tangents_of(builder: Any, ty: DualType, x: Any) -> list[Any]:
@@ -126,21 +122,28 @@ class Operand:
 Build = Callable[..., tuple[Any, list[Any]]]  # build(builder, type, *operands): value and tangents
 
 
-def _define(operation: Any, arity: int, build: Build) -> None:
-    """Register an operation on Duals with the compiler; one of several operands must be a Dual."""
+def _define(operation: Any, arity: int, build: Callable[..., Any]) -> None:
+    """Register an operation on Duals with the compiler; one of several operands must be a Dual.
+
+    build : a Build, or for conditions a function that returns the mask alone
+    """
+    is_condition = operation in COMPARISONS or operation is math.isnan
 
     @infer_global(operation)
     class Template(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
             dual = dual_among(args) if len(args) == arity else None
-            return None if dual is None else signature(dual, *args)
+            if dual is None:
+                return None
+            return signature(MaskType(dual.dtype, dual.count) if is_condition else dual, *args)
 
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        ty = sig.return_type
+        ty: Any = dual_among(sig.args)
         operands = [
             Operand(context, builder, ty, kind, x) for kind, x in zip(sig.args, args, strict=True)
         ]
-        return make_dual(builder, ty, *build(builder, ty, *operands))
+        made = build(builder, ty, *operands)
+        return made if is_condition else make_dual(builder, ty, *made)
 
     for kinds in _kinds(arity):
         lower_builtin(operation, *kinds)(lower)
@@ -315,42 +318,10 @@ _define(math.fabs, 1, _absolute)
 _define(math.sqrt, 1, dual_root)
 for _rounding in (math.floor, math.ceil, math.trunc):
     _define(_rounding, 1, _step_function(_rounding.__name__))
-
-
-def _define_comparison(operation: Any, sign: str) -> None:
-    """Register a comparison of values with the compiler."""
-
-    @infer_global(operation)
-    class Template(AbstractTemplate):
-        def generic(self, args: Any, kws: Any) -> Any:
-            dual = dual_among(args) if len(args) == 2 else None
-            return dual and signature(MaskType(dual.dtype, dual.count), *args)
-
-    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        ty = dual_among(sig.args)
-        x, y = (
-            Operand(context, builder, ty, kind, a).value  # type: ignore[arg-type]
-            for kind, a in zip(sig.args, args, strict=True)
-        )
-        compare = builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered
-        return compare(sign, x, y)
-
-    for kinds in _kinds(2):
-        lower_builtin(operation, *kinds)(lower)
-
-
 for _operation, _sign in COMPARISONS.items():
-    _define_comparison(_operation, _sign)
-
-
-@infer_global(math.isnan)
-class _IsNan(AbstractTemplate):
-    def generic(self, args: Any, kws: Any) -> Any:
-        (x,) = args
-        return signature(MaskType(x.dtype, x.count), x) if isinstance(x, DualType) else None
-
-
-@lower_builtin(math.isnan, DualType)
-def _is_nan(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    value = builder.extract_value(args[0], 0)
-    return builder.fcmp_unordered("uno", value, value)
+    _define(
+        _operation,
+        2,
+        lambda b, ty, x, y, sign=_sign: comparison(sign)(b, ty.vector, x.value, y.value),
+    )
+_define(math.isnan, 1, lambda b, ty, x: b.fcmp_unordered("uno", x.value, x.value))

@@ -14,11 +14,7 @@ from numba.core.cgutils import normalize_ir_text
 from numba.core.codegen import CodeLibrary, JITCodeLibrary
 
 from rigidmc.engine.compiler.fma import fuse
-from rigidmc.engine.machine import vector_registers
-
-LINE = (
-    64  # bytes of a cache line and of the widest vectors: across two lines they need two accesses
-)
+from rigidmc.engine.machine import LINE, vector_registers
 
 
 class Fusing:

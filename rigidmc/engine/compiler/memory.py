@@ -9,43 +9,19 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.core.datamodel.models import OpaqueModel
 from numba.core.datamodel.registry import register_default
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numpy.typing import DTypeLike, NDArray
 
 from rigidmc.engine.compiler.dual_types import DualType, make_dual, tangents_of
 from rigidmc.engine.compiler.intrinsics import intrinsic
-from rigidmc.engine.compiler.libraries import LINE
 from rigidmc.engine.compiler.vector_types import ELEMENT, VectorType, llvm_type
+from rigidmc.engine.machine import LINE
 
 _WORD = ir.IntType(64)
-
-
-def allocate_aligned(
-    count: int, dtype: DTypeLike, make: Callable[..., NDArray[Any]] = np.zeros
-) -> NDArray[Any]:
-    """Return an array that begins on a cache line.
-
-    Half of all arrays are 32 bytes off, and every 512-bit vector then needs two accesses.
-    """
-    array = make(count + LINE // 4, dtype)  # a line more, for numbers of 4 bytes, the smallest
-    offset = (-array.ctypes.data % LINE) // array.itemsize
-    return array[offset : offset + count]
-
-
-def allocate_block(
-    rows: int, members: int, make: Callable[..., NDArray[Any]] = np.empty
-) -> NDArray[np.float64]:
-    """Return the rows of a block, each on whole cache lines.
-
-    Across two of them, loads take 3 % of a short run of rk8.
-    """
-    return allocate_aligned(rows * members, float, make).reshape(rows, members)
 
 
 class Rows(types.Type):
@@ -216,12 +192,6 @@ def without_tangents(rows):
     return rows
 
 
-@intrinsic(without_tangents)
-def _without_tangents(typing_context, rows):
-    ty = Rows(rows.dtype, rows.count, rows.pitch) if isinstance(rows, DualRows) else rows
-    return ty(rows), lambda context, builder, sig, args: args[0]
-
-
 def of_body(rows):
     """Return rows for the numbers of bodies: without tangents if all these tangents are 0."""
     return rows
@@ -232,17 +202,20 @@ def of_effects(rows):
     return rows
 
 
-def _if_active(which: int) -> Callable[..., Any]:
+def _with_tangents_if(has_any: Callable[[Any], bool]) -> Callable[..., Any]:
+    """Return the definition of a function that leaves tangents out unless there are any."""
+
     def define(typing_context, rows):
-        is_plain = not isinstance(rows, DualRows) or rows.active[which]
-        ty = rows if is_plain else Rows(rows.dtype, rows.count, rows.pitch)
+        keeps = not isinstance(rows, DualRows) or has_any(rows)
+        ty = rows if keeps else Rows(rows.dtype, rows.count, rows.pitch)
         return ty(rows), lambda context, builder, sig, args: args[0]
 
     return define
 
 
-intrinsic(of_body)(_if_active(0))
-intrinsic(of_effects)(_if_active(1))
+intrinsic(without_tangents)(_with_tangents_if(lambda rows: False))
+intrinsic(of_body)(_with_tangents_if(lambda rows: rows.active[0]))
+intrinsic(of_effects)(_with_tangents_if(lambda rows: rows.active[1]))
 
 
 def shifted(rows, count):
@@ -324,19 +297,11 @@ def _following(count: int, *arguments: Any) -> tuple[Any, Callable[..., Any]]:
     return types.UniTuple(rows.item, count)(*arguments[:-1], types.intp), generate
 
 
-@intrinsic(three_at)
-def _three_at(typing_context, rows, row):
-    return _following(3, rows, row)
-
-
-@intrinsic(four_at)
-def _four_at(typing_context, rows, row):
-    return _following(4, rows, row)
-
-
-@intrinsic(tuple_at)
-def _tuple_at(typing_context, marks, rows, row):
-    return _following(len(marks), marks, rows, row)
+intrinsic(three_at)(lambda typing_context, rows, row: _following(3, rows, row))
+intrinsic(four_at)(lambda typing_context, rows, row: _following(4, rows, row))
+intrinsic(tuple_at)(
+    lambda typing_context, marks, rows, row: _following(len(marks), marks, rows, row)
+)
 
 
 def picked_rows(marks, rows, index, row):

@@ -178,21 +178,16 @@ def of_llvm(name: str) -> Build:
     return build
 
 
-def _comparison(sign: str) -> Build:
-    """Return a comparison of floats or words."""
+def comparison(sign: str) -> Build:
+    """Return a comparison of floats, words or masks."""
 
     def build(b: Any, t: Any, x: Any, y: Any) -> Any:
-        if not t.real:
+        if isinstance(t, MaskType) or not t.real:
             return b.icmp_unsigned(sign, x, y)
         # != is true for nan and all others are false, as in Python; so `x != x` detects nan.
         return (b.fcmp_unordered if sign == "!=" else b.fcmp_ordered)(sign, x, y)
 
     return build
-
-
-def _mask_comparison(sign: str) -> Build:
-    """Return a comparison of masks."""
-    return lambda b, t, x, y: b.icmp_unsigned(sign, x, y)
 
 
 def _mask_of(ty: VectorType) -> MaskType:
@@ -241,9 +236,9 @@ for _operation, _name in ((operator.and_, "and_"), (operator.or_, "or_"), (opera
 for _operation, _name in ((operator.lshift, "shl"), (operator.rshift, "lshr")):
     _define(_operation, 2, _by("", _name), only=_words)
 for _operation, _sign in COMPARISONS.items():
-    _define(_operation, 2, _comparison(_sign), result=_mask_of)
-for _operation, _sign in ((operator.eq, "=="), (operator.ne, "!=")):
-    _define(_operation, 2, _mask_comparison(_sign), ty=MaskType, plain_types=_TRUTH)
+    _define(_operation, 2, comparison(_sign), result=_mask_of)
+for _operation in (operator.eq, operator.ne):
+    _define(_operation, 2, comparison(COMPARISONS[_operation]), ty=MaskType, plain_types=_TRUTH)
 _define(operator.neg, 1, lambda b, t, x: b.fneg(x), only=_floats)
 _define(operator.pos, 1, lambda b, t, x: x)
 _define(abs, 1, of_llvm("fabs"), only=_floats)

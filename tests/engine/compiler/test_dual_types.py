@@ -9,7 +9,8 @@ import pytest
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.kernels import KernelKey, Tangents, call_kernel, compile_kernel, config
-from rigidmc.engine.compiler.memory import allocate_aligned, put_rows
+from rigidmc.engine.compiler.memory import put_rows
+from rigidmc.engine.machine import allocate_aligned
 from rigidmc.physics.dynamics.functions import hypotenuse
 from rigidmc.physics.dynamics.so3 import arctan2, nearest_integer, root, select, sincos
 
