@@ -272,7 +272,7 @@ def broken(place, folder):
         os.path.join(folder, "rigidmc"),
         ignore=shutil.ignore_patterns("__pycache__"),
     )
-    for name in ("tests", "bench", "pyproject.toml"):
+    for name in ("tests", "bench", "docs", "pyproject.toml"):  # tests read tables of pages
         os.symlink(os.path.join(ROOT, name), os.path.join(folder, name))
     if place is None:
         return "", ""
