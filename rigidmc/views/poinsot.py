@@ -54,7 +54,8 @@ def poinsot(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
     """
     good = in_principal_axes(thin_result(good_members(ds)))
     if not is_free(ds):
-        raise ValueError("poinsot needs free bodies: energy and |L|^2 are not both conserved")
+        rule = "leave out the effects of the scene, also those without a torque, such as g = 0"
+        raise ValueError(f"poinsot needs free bodies: {rule}")
     moments, l, q = starts_of(good)
     if not l.any(axis=1).all():
         raise ValueError("poinsot needs turning bodies: a member is at rest")
@@ -86,9 +87,10 @@ def _herpolhodes(axes: Axes, good: xr.Dataset, moments: Vectors, l: Vectors, q: 
     else:
         t, labels = np.linspace(0.0, end, count), start_labels(good)
         starts = []
+        same = {"color": MEDIAN} if len(l) == 1 else {}  # as on the left, where orange is polhode
         for k, style in enumerate(line_styles(len(l))):
             x, y, _ = _in_plane(moments[k], l[k], q[k], t).T
-            axes.plot(x, y, label=labels[k], **style)
+            axes.plot(x, y, label=labels[k], **{**style, **same})
             starts.append((x[0], y[0]))
             for radius in (np.hypot(x, y).min(), np.hypot(x, y).max()) if len(l) == 1 else ():
                 axes.plot(radius * np.cos(CIRCLE), radius * np.sin(CIRCLE), color=GREY, lw=0.7)

@@ -21,6 +21,7 @@ from rigidmc.studies.stability_map import cases
 from rigidmc.studies.stability_map.cases import MAPS
 from rigidmc.studies.stability_map.compute import prepared_case, run_map
 from rigidmc.studies.stability_map.picture import stability_map
+from rigidmc.studies.stability_map.study import table
 from rigidmc.studies.until import simulate_until
 from tests.tools.axes import faults
 from tests.tools.commands import invoke
@@ -141,6 +142,9 @@ def test_a_share_has_a_line_where_half_of_the_members_do():
     axes = stability_map(ds.assign({name: ds[name].copy(data=rise)})).axes[0]
     words = [text.get_text() for text in axes.get_legend().get_texts()]
     assert words[-1] == "half of the members"
+    # the numbers of the lines on the command line have units
+    rates = ds.assign({name: ds[name].copy(data=rise).assign_attrs(units="rad s-1")})
+    assert "0 to 1 rad/s, median " in "\n".join(table(rates))
     (line,) = (
         c for c in axes.collections if c.get_paths() and hasattr(c, "levels") and c.levels[0] == 0.5
     )

@@ -189,7 +189,8 @@ def _half(axes: Axes, ds: xr.Dataset, name: str) -> list[Line2D]:
     if min(values.shape) < 2 or not np.nanmin(smooth) < 0.5 < np.nanmax(smooth):
         return []
     masked = np.ma.masked_invalid(smooth)
-    return [_contours(axes, ds, masked, (0.5,), "half of the members")]
+    words = "half of the members" if ds.attrs["members"] > 1 else "border between 0 and 1"
+    return [_contours(axes, ds, masked, (0.5,), words)]
 
 
 def _middles(contours: QuadContourSet, axes: Axes) -> list[tuple[float, float]]:

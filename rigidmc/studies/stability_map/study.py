@@ -37,7 +37,7 @@ import xarray as xr
 
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path
-from rigidmc.results.labels import count_text
+from rigidmc.results.labels import count_text, units_text
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.options import SIDE, Example, Options, Side, Words, option
@@ -222,9 +222,11 @@ def table(dataset: xr.Dataset) -> list[str]:
         ends = str(name).endswith(("_low", "_high"))
         counts = name in ("good", "failed", "none", "computed") or ends
         if not counts and bool(values.notnull().any()):
+            units = values.attrs.get("units", "1")
+            unit = "" if units == "1" else f" {units_text(units)}"
             lines.append(
-                f"  {name:28s} {float(values.min()):.4g} to {float(values.max()):.4g},"
-                f" median {float(values.median()):.4g}{_interval(dataset, str(name), count)}"
+                f"  {name:28s} {float(values.min()):.4g} to {float(values.max()):.4g}{unit},"
+                f" median {float(values.median()):.4g}{unit}{_interval(dataset, str(name), count)}"
             )
     return [*lines, f"  impossible pixels (body or start): {none:,}; failed members: {failed:,}"]
 

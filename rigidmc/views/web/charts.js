@@ -18,7 +18,7 @@ const nice = x => x === 0 ? "0" : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-3
 
 const COLOURS = ["--one", "--two", "--three"], DASHES = [[], [7, 3], [2, 3]];
 function legend(id, names) {
-  $(id).replaceChildren(...names.map((name, k) => html("b", { style: `color:var(${COLOURS[k]})` }, `${["—", "– –", "···"][k]} ${name}`)));
+  $(id).replaceChildren(...names.map((name, k) => html("b", { style: `color:var(${COLOURS[k]})` }, `${["—", "–\u00a0–", "···"][k]}\u00a0${name}`)));
 }
 class Chart extends Canvas {
   constructor(node) {
