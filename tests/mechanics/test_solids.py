@@ -188,25 +188,6 @@ def test_no_tensors_have_no_axes():
     assert (moments.shape, axes.shape) == ((0, 3), (0, 3, 3))
 
 
-def test_flawed_elements_leave_their_neighbours_to_the_bit():
-    m, r = RNG.uniform(0.1, 1.0, (50, 7)), RNG.normal(size=(50, 7, 3))
-    good = inertia.of_particles(m, r)
-    spoilt = good.copy()
-    spoilt[3], spoilt[7, 0, 1], spoilt[9] = np.nan, 9.0, 0.0
-    kept = np.delete(np.arange(50), [3, 7, 9])
-    with pytest.warns(rm.SceneWarning, match="1 of 50") as notes:
-        moments, axes = inertia.principal_axes(spoilt)
-    assert [
-        word
-        for note, word in zip(notes, ("finite", "symmetric", "positive"), strict=True)
-        if word in str(note.message)
-    ]
-    assert np.isnan(axes[[3, 7, 9]]).all()
-    whole = inertia.principal_axes(good)
-    assert np.array_equal(moments[kept], whole[0][kept])
-    assert np.array_equal(axes[kept], whole[1][kept])
-
-
 SHAPES = {
     "box": "{ mass = 2.0, size = [1.0, 2.0, 0.5] }",
     "ball": "{ mass = 2.0, radius = 0.7 }",
