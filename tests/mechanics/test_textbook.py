@@ -1,57 +1,20 @@
-"""What the chapter prints: its formulas of free bodies, and tensors of bodies with their axes.
+"""The formulas of free bodies as the chapter writes them.
 
 G. F. Torres del Castillo, An Introduction to Hamiltonian Mechanics, 2018, ch. 3. Its theory is in
-the tests of each module.
+the tests of each module, its examples of tensors in tests/scene/test_body.py.
 """
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rigidmc import Body
-from rigidmc.mechanics import inertia, textbook
+from rigidmc.mechanics import textbook
 from rigidmc.mechanics.free_top import solve_free_top
 from rigidmc.mechanics.textbook import jacobi_omega, symmetric_omega
 from tests.tools import reference
 
 RNG = np.random.default_rng(34)
 A = Rotation.random(rng=RNG).as_matrix()
-
-
-def test_chapter_example_3_2_four_particles():
-    body = Body.from_particles([1.0] * 4, [[1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 0]])
-    assert np.abs(body.tensor - [[2, -1, 0], [-1, 2, 0], [0, 0, 4]]).max() < 2e-15  # 2.2e-16
-    assert np.abs(np.array(body.moments) - [1, 3, 4]).max() < 2e-15  # 0.0e+00
-    for axis, wanted in zip(np.array(body.axes).T, ([1, 1, 0], [1, -1, 0], [0, 0, 1]), strict=True):
-        assert abs(axis @ wanted) / np.linalg.norm(wanted) == pytest.approx(1.0, abs=1e-15)
-
-
-def test_chapter_3_19_to_3_23_principal_axes_right_handed_with_equal_moments_too():
-    for moments in ([1.0, 2.0, 2.5], [1.0, 1.0, 1.5], [1.0, 2.0, 2.0], [1.5, 1.5, 1.5]):
-        found, b = inertia.principal_axes((A * moments) @ A.T)
-        assert np.abs(found - moments).max() < 3e-15  # 1.3e-15
-        assert np.abs((b * found) @ b.T - (A * moments) @ A.T).max() < 3e-15  # 4.4e-16
-        assert np.linalg.det(b) == pytest.approx(1.0, abs=3e-15)
-
-
-def test_chapter_cylinder_on_the_edge_of_its_base_by_both_routes():
-    mass, a = 1.0, 0.1
-    h = np.sqrt(3.0) * a
-    off = -6 * a * h
-    direct = np.diag([3 * a**2 + 4 * h**2, 15 * a**2 + 4 * h**2, 18 * a**2])
-    direct = mass / 12 * (direct + [[0, 0, off], [0, 0, 0], [off, 0, 0]])
-    shifted = inertia.about_point(Body.cylinder(mass, a, h).tensor, mass, (a, 0.0, h / 2))
-    assert np.abs(shifted - direct).max() < 1e-16  # 3.5e-18
-    unit = mass * a**2
-    for body in (
-        Body.from_tensor(direct, mass),
-        Body.cylinder(mass, a, h).with_pivot((a, 0.0, -h / 2)),
-    ):
-        assert np.abs(np.sort(body.moments) / unit - [0.5, 2.25, 2.25]).max() < 3e-15  # 4.4e-16
-    axis = np.array(Body.from_tensor(direct, mass).axes)[:, 0]
-    assert abs(axis @ np.array([2.0, 0.0, np.sqrt(3.0)]) / np.sqrt(7.0)) == pytest.approx(
-        1.0, abs=2e-15
-    )
 
 
 def test_chapter_example_3_5_as_the_chapter_writes_it():

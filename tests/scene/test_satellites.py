@@ -6,8 +6,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
 from rigidmc.engine.kernel import layout
@@ -16,6 +14,7 @@ from rigidmc.mechanics.inertia import symmetric
 from rigidmc.planning.units import scale_scene
 from rigidmc.protocols import Vector, effect
 from rigidmc.results.frames import in_principal_axes
+from tests.physics.effects.laws import Motion, Properties
 from tests.tools.plans import starts
 
 # a slender satellite with products of inertia, its centre known to 1 cm along its length
@@ -37,18 +36,9 @@ SPIN = rm.Start(omega=(0.0, 0.0, RATE), attitude=(1.0, 0.0, 0.0, 0.0))  # along 
 
 def described(tensor):
     """Attitude at the end by Euler's equations with a full tensor, in the described axes."""
-
-    def rates(t, y):
-        q, x, w = y[0], y[1:4], y[4:]
-        turn = Rotation.from_quat(y[:4], scalar_first=True).as_matrix()
-        u = turn.T @ [np.cos(RATE * t), np.sin(RATE * t), 0.0]
-        torque = 3.0 * RATE**2 * np.cross(u, tensor @ u)
-        dq = 0.5 * np.array([-x @ w, *(q * w + np.cross(x, w))])
-        return [*dq, *np.linalg.solve(tensor, torque - np.cross(w, tensor @ w))]
-
-    y = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, RATE]
-    end = solve_ivp(rates, (0.0, END), y, rtol=1e-11, atol=1e-13).y[:4, -1]
-    return end / np.linalg.norm(end)
+    pull, start = [("gravity_gradient", PULL)], (1.0, 0.0, 0.0, 0.0)
+    motion = Motion(Properties(tensor), pull, (0.0, 0.0, RATE), start, END, 2, np.inf)
+    return motion.attitude(motion.states[:, -1])
 
 
 def apart(one, other):

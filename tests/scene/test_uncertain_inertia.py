@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
@@ -11,6 +10,7 @@ from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import symmetric, violates_triangle
 from rigidmc.mechanics.log_cholesky import numbers_of, parameters_of, rates_of
 from rigidmc.planning.units import scale_scene
+from tests.physics.effects.laws import Motion, Properties
 from tests.tools.plans import starts
 
 TENSOR = np.array([[2.0, 0.1, -0.05], [0.1, 2.5, 0.2], [-0.05, 0.2, 3.0]])
@@ -150,25 +150,18 @@ def test_members_move_as_in_the_described_axes(of_scene):
     if of_scene == "described":
         assert np.array_equal(spin, plain)
 
-    def rates(t, y, tensor, arm, weight):
-        turn = Rotation.from_quat(y[:4], scalar_first=True).as_matrix().T
-        w = y[4:]
-        torque = np.cross(DIPOLE, turn @ FIELD) + THRUST - oil @ w
-        torque = torque + np.cross(arm, turn @ [0.0, 0.0, -weight])
-        q, x = y[0], y[1:4]
-        dq = 0.5 * np.array([-x @ w, *(q * w + np.cross(x, w))])
-        return [*dq, *np.linalg.solve(tensor, torque - np.cross(w, tensor @ w))]
-
+    named = {
+        "uniform_field": rm.UniformField(DIPOLE, FIELD), "body_torque": rm.BodyTorque(THRUST),
+        "matrix_damping": rm.MatrixDamping(OIL), "gravity": rm.Gravity(9.81),
+    }.items()  # fmt: skip
     for i in range(3):
         tensor, arm, mass = symmetric(known[:6, i : i + 1])[0], known[6:9, i], known[9, i]
-        y = [*attitude.as_quat(scalar_first=True), *omega]
-        end = solve_ivp(
-            rates, (0.0, 2.0), y, rtol=1e-11, atol=1e-12, args=(tensor, arm, 9.81 * mass)
-        ).y[:, -1]
-        assert np.abs(spin[:, i] - end[4:]).max() < 6e-10  # measured 6.2e-11
-        q = end[:4] / np.linalg.norm(end[:4])
+        whole, turn = Properties(tensor, mass, arm), attitude.as_quat(scalar_first=True)
+        a, w, _ = Motion(whole, list(named), omega, turn, 2.0, 2, np.inf).end()
+        assert np.abs(spin[:, i] - w).max() < 6e-10  # measured 6.2e-11
+        q = Rotation.from_matrix(a).as_quat(scalar_first=True)
         assert abs(abs(q @ ahead[:, i]) - 1.0) < 1e-14  # measured 1.1e-16
-        assert np.abs(own[:, i] - end[4:]).max() > 0.01  # measured 0.19 or more in other axes
+        assert np.abs(own[:, i] - w).max() > 0.01  # measured 0.19 or more in other axes
         if of_scene == "principal":
             assert np.array_equal(own, plain)
 
