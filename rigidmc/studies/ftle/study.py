@@ -188,7 +188,8 @@ def reduce(batches: Batches, options: FtleOptions) -> xr.Dataset:
         parts.append((changes, np.stack(starts, -1), part.member.values))
     changes, start, member = (np.concatenate(x) for x in zip(*parts, strict=True))
     unit = options.unit
-    if unit is None:  # 1 s if nothing rotates: the unit then has no effect
+    if unit is None:
+        # 1 s if nothing rotates: the unit then has no effect
         unit = 1.0 / math.sqrt(square / max(1, count)) if square > 0.0 else 1.0
     changes[..., 3:] *= unit
     field = exponents(changes[:, 0], changes[:, 1], time)
