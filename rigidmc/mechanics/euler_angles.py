@@ -117,10 +117,10 @@ def angles_of_quaternions(sequence: str, q: Any) -> _Floats:
         plus, minus = np.arctan2(u, w), np.arctan2(n, v)  # (first + third)/2, (first - third)/2
         plus = np.where(far <= 0.5 * LOCKED * whole, minus, plus)
         minus = np.where(near <= 0.5 * LOCKED * whole, plus, minus)
-        first, third = _wrapped(plus + minus), _wrapped(plus - minus)
+        first, third = wrapped(plus + minus), wrapped(plus - minus)
     if sequence in PROPER:
         return np.stack([first, second, third])
-    return np.stack([first, second - 0.5 * np.pi, _wrapped(-sign * third)])
+    return np.stack([first, second - 0.5 * np.pi, wrapped(-sign * third)])
 
 
 def distance_from_lock(sequence: str, second: Any) -> Any:
@@ -136,7 +136,7 @@ def axes_of(sequence: str) -> tuple[int, int, int, float]:
     return i, j, 6 - i - j, 1.0 if (j - i) % 3 == 1 else -1.0
 
 
-def _wrapped(angle: Any) -> Any:
+def wrapped(angle: Any) -> Any:
     """Reduce an angle in (-2 pi, 2 pi] to (-pi, pi]."""
     raised = np.where(angle <= -np.pi, angle + 2.0 * np.pi, angle)
     return np.where(angle > np.pi, angle - 2.0 * np.pi, raised)

@@ -248,9 +248,7 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
     size = np.abs(flat).max((1, 2))
     infinite = ~np.isfinite(size)
     check_rows(infinite, "an inertia tensor must have finite components")
-    with np.errstate(invalid="ignore"):
-        # a zero tensor has skew 0
-        skew = np.abs(flat - np.swapaxes(flat, 1, 2)).max((1, 2)) / np.where(size > 0.0, size, 1.0)
+    skew = skew_of(flat)
     bad = infinite | ~(skew <= 1e-9)
     worst = np.max(skew, where=~infinite, initial=0.0)
     rule = (
@@ -271,6 +269,15 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
     shape = tensor.shape[:-2]
     axes = np.moveaxis(values[3:].reshape(3, 3, -1), -1, 0).swapaxes(1, 2)
     return values[:3].T.reshape(*shape, 3), axes.reshape(*shape, 3, 3)
+
+
+def skew_of(tensors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return |I_ij - I_ji| of tensors (n, 3, 3), relative to the largest element of each."""
+    size = np.abs(tensors).max((1, 2))
+    with np.errstate(invalid="ignore"):
+        apart: Array = np.abs(tensors - np.swapaxes(tensors, 1, 2)).max((1, 2))
+        # a zero tensor has skew 0
+        return apart / np.where(size > 0.0, size, 1.0)
 
 
 def _principal_axes_with_tangents(tensor: DualArray) -> tuple[Any, Any]:

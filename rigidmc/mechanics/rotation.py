@@ -21,6 +21,7 @@ from rigidmc.mechanics.euler_angles import (
     angles_of_quaternions,
     check_sequence,
     quaternions_of_angles,
+    wrapped,
 )
 from rigidmc.physics.dynamics.functions import sincos
 from rigidmc.physics.dynamics.quaternions import multiply
@@ -162,7 +163,7 @@ def euler(attitude: Attitude, sequence: str = TEXTBOOK) -> _Floats:
     plus, minus = np.arctan2(z, w), np.arctan2(y, x)  # (phi + psi)/2, (phi - psi)/2
     upright, inverted = (x == 0.0) & (y == 0.0), (w == 0.0) & (z == 0.0)
     plus, minus = np.where(inverted, minus, plus), np.where(upright, plus, minus)
-    return np.stack([_wrapped(plus + minus), theta, _wrapped(plus - minus)], -1)
+    return np.stack([wrapped(plus + minus), theta, wrapped(plus - minus)], -1)
 
 
 def from_rotation_vector(vector: ArrayLike) -> _Floats:
@@ -278,9 +279,3 @@ def vee(m: _Floats) -> _Floats:
     one, two = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0]
     vector: _Floats = 0.5 * np.stack([one, two, m[..., 1, 0] - m[..., 0, 1]], -1)
     return vector
-
-
-def _wrapped(angle: _Floats) -> _Floats:
-    """Reduce an angle in (-2 pi, 2 pi] to (-pi, pi]."""
-    raised = np.where(angle <= -np.pi, angle + 2.0 * np.pi, angle)
-    return np.where(angle > np.pi, angle - 2.0 * np.pi, raised)

@@ -9,7 +9,7 @@ import numpy as np
 from rigidmc.errors import SceneError
 from rigidmc.inputs.arrays import floats
 from rigidmc.inputs.labelled import Wanted
-from rigidmc.mechanics.inertia import violates_triangle, why_impossible
+from rigidmc.mechanics.inertia import skew_of, violates_triangle, why_impossible
 from rigidmc.scene.quantities import Source, count_rows, draw, is_shared
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution, about_centre
 from rigidmc.scene.vector_distributions.protocol import Array, check_semidefinite
@@ -145,17 +145,8 @@ def _check_shape(tensors: Array, at: str) -> None:
         raise SceneError(rule, at=at)
     # three tensors that are symmetric with members first and last are the same both ways
     last = np.moveaxis(tensors, -1, 0)
-    if len(tensors) == 3 and _skew(tensors).max() > 1e-9 and _skew(last).max() <= 1e-9:
+    if len(tensors) == 3 and skew_of(tensors).max() > 1e-9 and skew_of(last).max() <= 1e-9:
         raise SceneError("has the members last: give np.moveaxis(x, -1, 0)", at=at)
-
-
-def _skew(tensors: Array) -> Array:
-    """Return |I_ij - I_ji| of each tensor, relative to its largest element."""
-    size = np.abs(tensors).max((1, 2))
-    with np.errstate(invalid="ignore"):
-        apart: Array = np.abs(tensors - np.swapaxes(tensors, 1, 2)).max((1, 2))
-        # a zero tensor has skew 0
-        return apart / np.where(size > 0.0, size, 1.0)
 
 
 def _check_tensors(tensors: Array, at: str) -> None:
@@ -168,7 +159,7 @@ def _check_tensors(tensors: Array, at: str) -> None:
             raise SceneError(f"row {row}{more}: {why(row)}", at=at)
 
     refuse(~np.isfinite(tensors).all((1, 2)), lambda row: "is not finite")
-    skew = _skew(tensors)
+    skew = skew_of(tensors)
     refuse(
         skew > 1e-9,
         lambda row: (

@@ -15,9 +15,11 @@ from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError, SceneWarning
 from rigidmc.files.outputs import refuse_existing, write_bytes
 from rigidmc.mechanics.euler_angles import PROPER, TEXTBOOK, axes_of
-from rigidmc.physics.effects import label_effects, shared_parameters
+from rigidmc.physics.effects import shared_parameters
 from rigidmc.physics.effects.gravity import Gravity
-from rigidmc.physics.effects.protocol import is_random, shape
+from rigidmc.physics.effects.protocol import is_random
+from rigidmc.scene.body import Body
+from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import is_variable
 from rigidmc.scene.recording import conservation
 from rigidmc.scene.scene import Scene, as_scene
@@ -32,7 +34,7 @@ from rigidmc.views.html_page import (
 )
 from rigidmc.views.live.engine import SAVED, doubles, engine_data, even_end, live_run
 from rigidmc.views.live.saving import saving_data, texts
-from rigidmc.views.live.sliders import Range, Slider, make_sliders
+from rigidmc.views.live.sliders import Range, Slider, make_sliders, rows_of_effects
 from rigidmc.views.surfaces import drawn_shape, ellipsoid_form, surface_of
 
 Source = Scene | str | PathLike[str]
@@ -98,10 +100,10 @@ def live(
     return page
 
 
-def _count(scene: Scene, members: int | None) -> int:
-    """Return the members of a page; OptionError."""
+def _count(members: int | None, most: int) -> int:
+    """Return the members of a page, of a scene with `most`; OptionError."""
     if members is None:
-        return min(MOST, scene.run.members)
+        return min(MOST, most)
     if not 1 <= members <= MOST:
         rule = f"a live page has 1 to {MOST:,} members"
         raise OptionError(rule, at="members", value=members)
@@ -122,7 +124,7 @@ def _several(
 
 
 def _text(scene: Scene, asked: Mapping[str, Range | None] | None, count: int | None) -> str:
-    members = _count(scene, count)
+    members = _count(count, scene.run.members)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # of a run, which this is not
         prepared = live_run(scene, members)
@@ -136,7 +138,7 @@ def _text(scene: Scene, asked: Mapping[str, Range | None] | None, count: int | N
     data = {
         "engine": engine,
         "block": doubles(prepared.block),
-        "start": _start(moving, prepared.start),
+        "start": _start(model.start.spin_name, prepared.start),
         "isIndependent": plan.run.points == "independent",
         "isBodyDrawn": is_variable(model.body.moments),
         "omega": model.start.spin_name == "omega",
@@ -147,12 +149,12 @@ def _text(scene: Scene, asked: Mapping[str, Range | None] | None, count: int | N
         "source": scene.title or "scene",
         "integrator": plan.run.integrator,
         "h": plan.grid.dt,
-        "shape": _shape(moving, prepared.start),
+        "shape": _shape(model.body, prepared.start),
         "tones": tones_data(),
         "pulls": pulls_data(moving.effects),
         "isFree": not model.effects,
         "isRandom": any(map(is_random, model.effects)),
-        "gravity": layout.EFFECTS if _is_top(moving) else None,
+        "gravity": layout.EFFECTS if _is_top(model) else None,
         "end": scene.run.t_end,
         "conserved": [kept[name] == "yes" for name in ("energy_drift", "l2")],
         "statuses": STATUSES,
@@ -161,18 +163,18 @@ def _text(scene: Scene, asked: Mapping[str, Range | None] | None, count: int | N
     return page_text(str(__package__), "live", scene.title or "scene", _about(scene), data, scripts)
 
 
-def _is_top(scene: Scene) -> bool:
+def _is_top(model: Model) -> bool:
     """Return whether Euler angles and a spin start a body on which gravity alone acts; the page
     looks at its moments and centre."""
-    start, is_heavy = scene.model.start, [*map(type, scene.model.effects)] == [Gravity]
+    start, is_heavy = model.start, [*map(type, model.effects)] == [Gravity]
     angles = start.has_euler_angles and start.sequence == TEXTBOOK
-    return is_heavy and angles and not scene.model.body.is_turned
+    return is_heavy and angles and not model.body.is_turned
 
 
-def _start(scene: Scene, start: Mapping[str, Any]) -> dict[str, str]:
+def _start(spin: str, start: Mapping[str, Any]) -> dict[str, str]:
     """Return the numbers that the page builds members from."""
     arrays = {name: start[name] for name in ("moments", "mass", "centre")}
-    arrays["spin"] = start[f"start_{scene.model.start.spin_name}"]
+    arrays["spin"] = start[f"start_{spin}"]
     if "start_euler" in start:
         arrays["angles"] = start["start_euler"]
     return {name: doubles(values) for name, values in arrays.items()}
@@ -192,10 +194,7 @@ def _slider(slider: Slider) -> dict[str, Any]:
 
 def _sums(effects: Sequence[Any]) -> list[tuple[int, list[int]]]:
     """Return (row, the rows it is the sum of) of each number that effects share."""
-    rows, row = dict[str, range](), layout.EFFECTS
-    for label, effect in label_effects(effects):
-        for field in effect._fields:
-            rows[f"{label}_{field}"] = range(row, row := row + (shape(effect, field) or 1))
+    rows = rows_of_effects(effects)
     return [
         (at, [rows[source][k] for source in sources])
         for name, sources in shared_parameters(effects).items()
@@ -203,9 +202,8 @@ def _sums(effects: Sequence[Any]) -> list[tuple[int, list[int]]]:
     ]
 
 
-def _shape(scene: Scene, start: Mapping[str, Any]) -> dict[str, Any]:
+def _shape(body: Body, start: Mapping[str, Any]) -> dict[str, Any]:
     """Return the triangles of the first member's body, scaled to a largest distance of 1."""
-    body = scene.model.body
     surface, form = surface_of(body), np.eye(3, 4)
     if not drawn_shape(body):
         values = start["moments"][:, 0], float(start["mass"].reshape(-1)[0]), start["centre"][:, 0]

@@ -17,6 +17,7 @@ from rigidmc.physics.integrators.protocol import follows_turns
 from rigidmc.planning.initial import initial_block
 from rigidmc.scene.body import Body
 from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.model import Model
 from rigidmc.scene.parameters import path_of, with_parameters
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
@@ -56,7 +57,7 @@ def _marked(scene: Scene, sliders: Mapping[int, Slider]) -> str:
     if follows_turns(scene.integrator):
         tables["run"]["turn_rate"] = "@turn_rate@"
     for k, slider in sliders.items():
-        table, *path = _path(scene, slider.name)
+        table, *path = _path(scene.model, slider.name)
         place: Any = tables[table]
         for part in path[:-1]:
             place = place[part]
@@ -70,15 +71,15 @@ def _in_a_line(rows: re.Match[str]) -> str:
     return f"[{' '.join(row.strip() for row in rows[1].splitlines()).removesuffix(',')}]"
 
 
-def _path(scene: Scene, name: str) -> tuple[Any, ...]:
+def _path(model: Model, name: str) -> tuple[Any, ...]:
     """Return the keys and indices of a number in the tables of a scene file."""
-    table, first, *rest = path_of(scene.model, name)
-    if first == "attitude" and scene.start.sequence != TEXTBOOK:
+    table, first, *rest = path_of(model, name)
+    if first == "attitude" and model.start.sequence != TEXTBOOK:
         rest = ["angles", *rest]
     if table != "effects":
         return (table, first, *rest)
-    word = name_of(scene.effects[int(first)])
-    same = [i for i, effect in enumerate(scene.effects) if name_of(effect) == word]
+    word = name_of(model.effects[int(first)])
+    same = [i for i, effect in enumerate(model.effects) if name_of(effect) == word]
     return (table, word, *([same.index(int(first))] if len(same) > 1 else []), *rest)
 
 

@@ -167,7 +167,7 @@ def _all(model: Model, start: Mapping[str, Floats]) -> list[Slider]:
     """Return all sliders that a model can have."""
     refused, made = tuple(_refusals(model)), list[Slider]()
     spin = float(np.abs(start[f"start_{model.start.spin_name}"]).max())
-    labels, rows = label_effects(model.effects), _rows_of_effects(model.effects)
+    labels, rows = label_effects(model.effects), rows_of_effects(model.effects)
     for name, parameter in parameters_of(model).items():
         table, first, *rest = path_of(model, name)
         field, places = (rest[0], rest[1:]) if table == "effects" else (first, rest)
@@ -179,7 +179,8 @@ def _all(model: Model, start: Mapping[str, Floats]) -> list[Slider]:
             label, part = labels[int(first)]
             if model.body.is_turned and field in facts(part).in_body:
                 continue
-            kind, array, row = "effect", f"{label}_{field}", rows[int(first), word] + k
+            kind, array = "effect", f"{label}_{field}"
+            row = rows[array][k]
             index = _INDICES[k] if (shape(part, word) or 0) <= 3 else str(k + 1)
             shown = f"{field}{index if places else ''}"
         else:
@@ -202,13 +203,12 @@ def _all(model: Model, start: Mapping[str, Floats]) -> list[Slider]:
     return made
 
 
-def _rows_of_effects(effects: Sequence[Any]) -> dict[tuple[int, str], int]:
-    """Return {(index of an effect, its field): first row of the block}."""
-    rows, row = dict[tuple[int, str], int](), int(layout.EFFECTS)
-    for i, effect in enumerate(effects):
+def rows_of_effects(effects: Sequence[Any]) -> dict[str, range]:
+    """Return {"LABEL_FIELD": its rows in the block} of the parameters of effects."""
+    rows, row = dict[str, range](), layout.EFFECTS
+    for label, effect in label_effects(effects):
         for field in effect._fields:
-            rows[i, field] = row
-            row += shape(effect, field) or 1
+            rows[f"{label}_{field}"] = range(row, row := row + (shape(effect, field) or 1))
     return rows
 
 
