@@ -10,7 +10,7 @@ from rigidmc.scene.parameters import with_parameter
 from rigidmc.views.live.engine import SAVED, even_end, live_run
 from rigidmc.views.live.sliders import make_sliders
 from tests.tools.commands import invoke
-from tests.views.test_live import TOP, browser, opened  # noqa: F401
+from tests.views.test_live import TOP, opened
 
 # the splitting "strang" has one form for bodies with two equal moments and one for others
 SCENES = {
@@ -75,7 +75,7 @@ def assert_same_bits(page, path):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 @pytest.mark.parametrize("name", SCENES)
-def test_hundred_saved_scenes_have_the_bits_of_the_page(name, browser, tmp_path):  # noqa: F811
+def test_hundred_saved_scenes_have_the_bits_of_the_page(name, browser, tmp_path):
     some = np.random.default_rng(sum(map(ord, name)))
     scene = rm.Scene.load(name)
     dt = scene.run.dt
@@ -95,7 +95,7 @@ def test_hundred_saved_scenes_have_the_bits_of_the_page(name, browser, tmp_path)
 
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
-def test_a_saved_scene_has_the_bits_of_the_page(browser, tmp_path):  # noqa: F811
+def test_a_saved_scene_has_the_bits_of_the_page(browser, tmp_path):
     """With all members of a moved distribution, and a step that a faster spin has halved."""
     rm.live(TOP.with_run(t_end=0.4321, every=0.04, save=SAVED), tmp_path / "top.html")
     page = opened(browser, tmp_path / "top.html")
@@ -105,7 +105,7 @@ def test_a_saved_scene_has_the_bits_of_the_page(browser, tmp_path):  # noqa: F81
     assert_same_bits(page, tmp_path / "saved.toml")
 
 
-def test_angles_of_a_page_have_the_bits_of_the_command_line(browser, tmp_path):  # noqa: F811
+def test_angles_of_a_page_have_the_bits_of_the_command_line(browser, tmp_path):
     """Math.sin and numpy.sin round one in some thousand differently."""
     rm.live(TOP, tmp_path / "top.html", members=1)
     page = opened(browser, tmp_path / "top.html")
@@ -114,7 +114,7 @@ def test_angles_of_a_page_have_the_bits_of_the_command_line(browser, tmp_path): 
                                   np.stack(sincos(angles), -1))  # fmt: skip
 
 
-def test_a_page_says_what_its_file_leaves_out(browser, tmp_path):  # noqa: F811
+def test_a_page_says_what_its_file_leaves_out(browser, tmp_path):
     """A solid stays one while no moment moves; a table has no file; a mixture stays where it is."""
     rm.live("pendulum", tmp_path / "page.html", {"start.attitude.theta": None, "body.mass": None})
     page = opened(browser, tmp_path / "page.html")
