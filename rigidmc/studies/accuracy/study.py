@@ -40,8 +40,8 @@ from rigidmc.processes.progress import say
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.accuracy.drift import DRIFTS, long_drift, long_table
 from rigidmc.studies.accuracy.work_precision import ROWS, ladder_table, work_precision
-from rigidmc.studies.framework.options import Example, Names, Numbers, Options, Time, option
-from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.options import Names, Numbers, Options, Time, option
+from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.work import Direct
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))

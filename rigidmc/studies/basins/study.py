@@ -62,15 +62,8 @@ from rigidmc.studies.framework.members import (
     refuse_noise,
     start_numbers,
 )
-from rigidmc.studies.framework.options import (
-    REQUIRED,
-    Example,
-    Options,
-    Words,
-    confidence_option,
-    option,
-)
-from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.options import REQUIRED, Options, Words, confidence_option, option
+from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
 
 Array = NDArray[np.float64]

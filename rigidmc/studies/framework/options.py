@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from numbers import Real
-from typing import Any, NamedTuple, Self, dataclass_transform, get_args, get_type_hints
+from typing import Any, Self, dataclass_transform, get_args, get_type_hints
 
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.inputs.amounts import read_count, read_seconds, words_of
@@ -188,19 +188,6 @@ class Options:
 
 class NoOptions(Options):
     """A study without options."""
-
-
-class Example(NamedTuple):
-    """A study that takes a second, for the tests over all studies.
-
-    scene : the name of a shipped scene
-    options : of the study
-    settings : of the run
-    """
-
-    scene: str
-    options: Mapping[str, Any]
-    settings: Mapping[str, Any]
 
 
 def options_of(cls: type[Options]) -> list[Option]:

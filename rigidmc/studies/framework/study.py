@@ -14,14 +14,7 @@ from rigidmc.planning.check import check_parts
 from rigidmc.planning.saves import settle_saves
 from rigidmc.scene.scene import Scene, as_scene
 from rigidmc.scene.settings import Run, no_such_keyword
-from rigidmc.studies.framework.options import (
-    Example,
-    NoOptions,
-    Option,
-    Options,
-    options_of,
-    parameter,
-)
+from rigidmc.studies.framework.options import NoOptions, Option, Options, options_of, parameter
 from rigidmc.studies.framework.variables import StudyVariable, returned
 from rigidmc.studies.framework.work import Work
 
@@ -30,6 +23,19 @@ if TYPE_CHECKING:
 
 
 KEYWORDS = "threads", "device", "progress"  # keywords of the function, if its work has them
+
+
+class Example(NamedTuple):
+    """A study that takes a second, for the tests over all studies.
+
+    scene : the name of a shipped scene
+    options : of the study
+    settings : of the run
+    """
+
+    scene: str
+    options: Mapping[str, Any]
+    settings: Mapping[str, Any]
 
 
 class OutputFile(NamedTuple):

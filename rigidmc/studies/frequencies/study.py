@@ -45,8 +45,8 @@ from rigidmc.scene.scene import Scene
 from rigidmc.statistics.estimates import component_of
 from rigidmc.statistics.intervals import ULPS, resolution, resolution_of
 from rigidmc.studies.framework.members import Batches, Members
-from rigidmc.studies.framework.options import REQUIRED, Example, Options, option
-from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.options import REQUIRED, Options, option
+from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 
 Array = NDArray[np.float64]

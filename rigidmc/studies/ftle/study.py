@@ -53,8 +53,8 @@ from rigidmc.scene.sampling import is_drawn
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.framework.members import TUNING, Batches, Members, refuse_stops, start_numbers
-from rigidmc.studies.framework.options import Example, Options, option
-from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.options import Options, option
+from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 
 Array = NDArray[np.float64]

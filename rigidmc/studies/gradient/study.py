@@ -66,14 +66,13 @@ from rigidmc.statistics.measures import save_for_measures
 from rigidmc.studies.framework.members import TUNING, Batches, Members, start_numbers
 from rigidmc.studies.framework.options import (
     REQUIRED,
-    Example,
     Names,
     Options,
     Words,
     confidence_option,
     option,
 )
-from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
 from rigidmc.studies.gradient.estimators import (
     carriers_of,

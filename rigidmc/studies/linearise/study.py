@@ -51,8 +51,8 @@ from rigidmc.results.labels import column_head, count_text, value_text
 from rigidmc.scene.parameters import unit_at, with_parameter
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.members import refuse_noise
-from rigidmc.studies.framework.options import SIDE, Example, Options, Side, option, whole_side
-from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.options import SIDE, Options, Side, option, whole_side
+from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 from rigidmc.studies.framework.work import Direct
 from rigidmc.studies.linearise.branches import Bifurcation, follow

@@ -65,8 +65,8 @@ from rigidmc.scene.sampling import is_sample
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.intervals import Interval, mean
 from rigidmc.studies.framework.members import TUNING, refuse_stops
-from rigidmc.studies.framework.options import Example, Options, Time, confidence_option, option
-from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.options import Options, Time, confidence_option, option
+from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.tasks import Tasks
 from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
 from rigidmc.studies.lyapunov.tangents import COUNT, compute_members, kept_saves

@@ -62,8 +62,8 @@ from rigidmc.scene.sampling import refuse_indexed
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import Run
 from rigidmc.statistics.measures import save_for_measures
-from rigidmc.studies.framework.options import Example, Options, confidence_option, option
-from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.options import Options, confidence_option, option
+from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.tasks import Tasks
 from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 from rigidmc.studies.multilevel.corrections import Level, MultilevelEstimate, Plain, cheapest_plain

@@ -61,8 +61,8 @@ from rigidmc.scene.scene import Scene
 from rigidmc.statistics.estimates import rows_in_time
 from rigidmc.statistics.intervals import ULPS, resolution_of
 from rigidmc.studies.framework.members import TUNING, refuse_noise, start_numbers
-from rigidmc.studies.framework.options import Example, Names, Numbers, Options, option
-from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.options import Names, Numbers, Options, option
+from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 from rigidmc.studies.framework.work import Direct
 from rigidmc.studies.propagate.covariance import (

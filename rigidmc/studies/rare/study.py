@@ -67,8 +67,8 @@ from rigidmc.runs.segments import SegmentedRun
 from rigidmc.scene.sampling import is_indexed, rows_to_run
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.intervals import mean_of_skew, probability
-from rigidmc.studies.framework.options import Example, Options, confidence_option, option
-from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.options import Options, confidence_option, option
+from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.tasks import Tasks
 from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
 from rigidmc.studies.rare.score import is_noisy, make_score

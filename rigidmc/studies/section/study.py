@@ -49,8 +49,8 @@ from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.estimates import of_the_state
 from rigidmc.studies.framework.members import Batches, Members
-from rigidmc.studies.framework.options import REQUIRED, Example, Options, option
-from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.options import REQUIRED, Options, option
+from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.section.points import (
     STATE,
     WAYS,

@@ -67,15 +67,8 @@ from rigidmc.scene.scene import Scene
 from rigidmc.statistics.intervals import Interval, is_constant, resolution_of
 from rigidmc.statistics.measures import Measure, Variables, measure
 from rigidmc.studies.framework.members import TUNING, Batches, Members, drawn_families
-from rigidmc.studies.framework.options import (
-    REQUIRED,
-    Example,
-    Options,
-    Words,
-    confidence_option,
-    option,
-)
-from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.options import REQUIRED, Options, Words, confidence_option, option
+from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
 from rigidmc.studies.sensitivity.bounds import constants, squared_rates, with_derivatives
 

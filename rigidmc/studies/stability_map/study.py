@@ -40,8 +40,8 @@ from rigidmc.files.outputs import Path
 from rigidmc.results.labels import count_text, units_text
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.framework.options import SIDE, Example, Options, Side, Words, option
-from rigidmc.studies.framework.study import Study
+from rigidmc.studies.framework.options import SIDE, Options, Side, Words, option
+from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.work import Work
 from rigidmc.studies.stability_map.compute import prepare_map, replicas_of, run_map
 from rigidmc.studies.stability_map.pixels import MapRun

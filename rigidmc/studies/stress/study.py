@@ -47,8 +47,8 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.framework.options import Example, Names, Options, option
-from rigidmc.studies.framework.study import OutputFile, Study
+from rigidmc.studies.framework.options import Names, Options, option
+from rigidmc.studies.framework.study import Example, OutputFile, Study
 from rigidmc.studies.framework.work import Direct
 from rigidmc.studies.stress import hard_cases, trust
 
