@@ -21,6 +21,7 @@ from rigidmc.runs.simulate import simulate
 from rigidmc.scene.scene import Scene
 
 _UP = ("sleeping", "unstable")  # kinds of motion of an upright top
+_NOT_STEADY = (*_UP, "at rest", "hanging", "pendulum")  # that do not precess
 Motions = list[tuple[NDArray[np.int_], FreeMotionType | NutationRange]]  # [(members, their motion)]
 
 
@@ -116,12 +117,7 @@ def _steady(case: ClosedMotion, motions: Motions, first: int, count: int) -> Ite
     spins across the axis) for which it traces waves, and the least spin of a sleeping top;
     Goldstein, Classical Mechanics, section 5.7, and TdC (3.77)."""
     for (form, members, part), (_, motion) in zip(case.parts(), motions, strict=True):
-        if isinstance(motion, FreeMotionType) or motion.kind[0] in (
-            *_UP,
-            "at rest",
-            "hanging",
-            "pendulum",
-        ):
+        if isinstance(motion, FreeMotionType) or motion.kind[0] in _NOT_STEADY:
             continue
         moments, weight = np.roll(part.moments[0], 3 - form), part.weight[0]
         spin = part.momentum[0, form - 1] / moments[2]

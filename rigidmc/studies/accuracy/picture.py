@@ -49,15 +49,9 @@ def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     if limit > error[shown].min() / 30.0:
         axes.axvline(limit, color=GREY, lw=0.8, ls=":")
         axes.annotate(
-            "error of\nthe truth",
-            (limit, 0.02),
-            xycoords=("data", "axes fraction"),
-            fontsize=8,
-            color=GREY,
-            ha="right",
-            xytext=(-4, 0),
-            textcoords="offset points",
-        )
+            "error of\nthe truth", (limit, 0.02), xycoords=("data", "axes fraction"), fontsize=8,
+            color=GREY, ha="right", xytext=(-4, 0), textcoords="offset points",
+        )  # fmt: skip
     axes.grid(True, which="major", lw=0.3, color=LIGHT)
     axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=9, frameon=False)
     layout: Any = figure.get_layout_engine()

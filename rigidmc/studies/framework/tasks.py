@@ -17,23 +17,13 @@ from rigidmc.files.outputs import Path
 from rigidmc.inputs.amounts import read_count, two_digits
 from rigidmc.processes.progress import Progress, announce, reporter, say
 from rigidmc.results.labels import count_text
+from rigidmc.runs.directory import tasks as shards
 from rigidmc.runs.directory.cluster import Resume
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.directory.gather import verify
 from rigidmc.runs.directory.load import check_versions, scene_of_run
 from rigidmc.runs.directory.resume import add_members, missing_of, read_resume
-from rigidmc.runs.directory.tasks import (
-    Request,
-    Task,
-    TaskArrays,
-    compare_task,
-    compute_tasks,
-    create_tasks,
-    read_tasks,
-    resume_tasks,
-    study_of,
-    tasks_at_once,
-)
+from rigidmc.runs.directory.tasks import Request, Task, TaskArrays
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.price import cost_per_step
 from rigidmc.runs.resources import movers
@@ -92,7 +82,7 @@ class Tasks(Work):
             while numbers := self.next(run, request, done):
                 if progress is True:
                     say(self.price(run, request, numbers, threads, device))
-                many = self.together or tasks_at_once(threads)
+                many = self.together or shards.tasks_at_once(threads)
                 with reporter(progress, len(numbers), 1) as report:
                     for first in range(0, len(numbers), many):
                         group = numbers[first : first + many]
@@ -115,7 +105,7 @@ class Tasks(Work):
         if study is None or study[0] != name:
             rule = f"is not a run of `rigidmc {name} SCENE -o RUN/`"
             raise FileError(rule, at="run", file=directory.path)
-        done = read_tasks(directory)
+        done = shards.read_tasks(directory)
         if not done:
             rule = "no task is finished yet: resume it first"
             raise FileError(rule, at="run", value=directory.path)
@@ -136,7 +126,7 @@ class Tasks(Work):
                 raise OptionError(rule, at=f"shard_{key}", value=value)
         scene, request = design
         first = self.next(prepare_scene(scene), request, {})
-        return create_tasks(scene, path, name, request, first, int(self.is_growing))
+        return shards.create_tasks(scene, path, name, request, first, int(self.is_growing))
 
     def price(
         self, run: PreparedRun, request: Request, numbers: Sequence[int], threads: int,
@@ -155,7 +145,7 @@ class Tasks(Work):
 def tasks_of(directory: RunDirectory) -> tuple[str, Tasks, dict[str, Any]] | None:
     """Return (name, work, request) of the study of a run directory; None if it stores members;
     FileError."""
-    study = study_of(directory)
+    study = shards.study_of(directory)
     if study is None:
         return None
     name, request = study
@@ -190,11 +180,11 @@ def resume_study(
             numbers = [int(directory.members(int(i))[0]) for i in missing_of(directory, only)]
             if numbers:
                 say(tasks.price(run, request, numbers, many, device))
-        now = resume_tasks(directory, task, work, machine, how)
+        now = shards.resume_tasks(directory, task, work, machine, how)
         flagged = {word: flagged.get(word, 0) + count for word, count in now.items()}
         if directory.missing().size or not directory.facts["growing"]:
             return directory, flagged
-        more = np.asarray(tasks.next(run, request, read_tasks(directory)), np.int64)
+        more = np.asarray(tasks.next(run, request, shards.read_tasks(directory)), np.int64)
         if more.size and only is not None:
             rule = "the next tasks depend on all of these: resume without a range of shards"
             raise OptionError(rule, at="shards", value=f"{only.start}:{only.stop}")
@@ -207,7 +197,7 @@ def work(directory: RunDirectory, i: int, how: Resume) -> dict[str, int]:
     """Compute one task of a run directory, as a worker on a cluster."""
     check_versions(directory, how.accept)
     *_, task = _prepared(directory, how.allow_code, how.device)
-    return compute_tasks(directory, task, [i], Machine(1, "cpu", 1))
+    return shards.compute_tasks(directory, task, [i], Machine(1, "cpu", 1))
 
 
 def verify_study(
@@ -224,7 +214,7 @@ def verify_study(
     *_, task = _prepared(directory, allow_code)
     many, done = threads or threads_available(), sorted(directory.shards())
     chosen = sorted(random.sample(done, min(spot, len(done))))
-    again = (compare_task(directory, i, task, many) for i in chosen)
+    again = (shards.compare_task(directory, i, task, many) for i in chosen)
     return [fault for fault in again if fault]
 
 

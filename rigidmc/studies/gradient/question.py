@@ -6,11 +6,7 @@ from typing import NamedTuple
 import xarray as xr
 
 from rigidmc.errors import OptionError, nearest
-from rigidmc.scene.derivatives import (
-    derivative_name,
-    parameter_names_of_derivatives,
-    parameters_of_run,
-)
+from rigidmc.scene import derivatives
 from rigidmc.scene.model import Model
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.measures import Measure, Variables, measure
@@ -56,14 +52,16 @@ class Question(NamedTuple):
         """Read measures and parameters; OptionError for a measure without a derivative, SceneError
         for an unknown parameter.
 
-        variables, may_save_more : as in `rigidmc.results.measures.measure`
+        variables, may_save_more : as in `rigidmc.statistics.measures.measure`
         """
         asked = [Asked.of(text, variables, scene, may_save_more) for text in texts]
         scores, names = scores_of_model(scene.model), dict[str, None]()
         for name in wrt:
-            of_run = (name,) if name in scores else parameters_of_run(scene.model, (name,))
-            names |= dict.fromkeys(of_run)
-        able = set(parameter_names_of_derivatives(scene.model))
+            if name in scores:
+                names[name] = None
+            else:
+                names |= dict.fromkeys(derivatives.parameters_of_run(scene.model, (name,)))
+        able = set(derivatives.parameter_names_of_derivatives(scene.model))
         ways = [[_way(scene.model, x, name, method, able) for name in names] for x in asked]
         return Question(scene.model, asked, tuple(names), ways)
 
@@ -81,7 +79,7 @@ class Question(NamedTuple):
         has = set(map(str, part.parameter.values)) if "parameter" in part.coords else set()
         for (_, observable), row in zip(self.asked, self.ways, strict=True):
             for name, way in zip(self.names, row, strict=True):
-                lacks = name not in has or derivative_name(observable) not in part
+                lacks = name not in has or derivatives.derivative_name(observable) not in part
                 if way == "path" and lacks:
                     rule = f"the result has no derivatives of {observable} by {name}"
                     raise OptionError(f"{rule}: run it with --wrt {name}", at="wrt", value=name)

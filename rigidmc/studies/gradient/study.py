@@ -74,14 +74,7 @@ from rigidmc.studies.framework.options import (
 )
 from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
-from rigidmc.studies.gradient.estimators import (
-    carriers_of,
-    growth_of,
-    of_mean,
-    of_quantile,
-    of_score,
-    terms_of,
-)
+from rigidmc.studies.gradient import estimators
 from rigidmc.studies.gradient.question import ENDS, Asked, Question
 from rigidmc.studies.gradient.scores import scores_of_model, scores_of_noise
 
@@ -289,14 +282,16 @@ def _estimates(
         value[:, i] = kind.interval(y.astype(kind.dtype), np.isfinite(y), confidence)
         for j, way in enumerate(question.ways[i]):
             if way == "score":
-                derivative[:, i, j] = of_score(y, scores[j], confidence)
-                growth[1, i, j] = carriers_of(terms_of(y, scores[j]))
+                derivative[:, i, j] = estimators.of_score(y, scores[j], confidence)
+                growth[1, i, j] = estimators.carriers_of(estimators.terms_of(y, scores[j]))
                 continue
             if measure.kind == "quantile":
-                derivative[:, i, j] = of_quantile(y, rates[i, j], measure.number, confidence)
+                derivative[:, i, j] = estimators.of_quantile(
+                    y, rates[i, j], measure.number, confidence
+                )
             else:
-                derivative[:, i, j] = of_mean(rates[i, j], confidence)
-            growth[:, i, j] = growth_of(half[i, j], end[i, j], rates[i, j])
+                derivative[:, i, j] = estimators.of_mean(rates[i, j], confidence)
+            growth[:, i, j] = estimators.growth_of(half[i, j], end[i, j], rates[i, j])
     return derivative, value, *growth
 
 

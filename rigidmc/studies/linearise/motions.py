@@ -7,19 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.scene.scene import Scene
+from rigidmc.studies.linearise import steady
 from rigidmc.studies.linearise.rates import energy_of, mechanics_of
 from rigidmc.studies.linearise.stability import MOTION, Linearised, linearise_motions
-from rigidmc.studies.linearise.steady import (
-    SOLVED,
-    States,
-    held_momenta,
-    search_starts,
-    seen_from_body,
-    signatures,
-    solve,
-    standing,
-    with_frames,
-)
+from rigidmc.studies.linearise.steady import SOLVED, States
 from rigidmc.studies.linearise.symmetries import System, find_symmetries
 
 Array = NDArray[np.float64]
@@ -90,16 +81,16 @@ class Problem(NamedTuple):
             turning = mechanics.rate * float(np.sqrt((system.frame**2).sum()))
             mechanics, q, l = mechanics_of(scene, member, turning)
             system = find_symmetries(mechanics)
-        return Problem(system, q, l, held_momenta(system, q[:, None], l[:, None]))
+        return Problem(system, q, l, steady.held_momenta(system, q[:, None], l[:, None]))
 
     def states_of(self, guesses: Sequence[tuple[Array, Array]]) -> States:
         """Return the states of guesses (q, l [kg m^2/s])."""
         q, l = (np.array([pair[i] for pair in guesses]).reshape(-1, 4 - i).T for i in (0, 1))
-        return with_frames(self.system, q, l / self.system.mechanics.unit)
+        return steady.with_frames(self.system, q, l / self.system.mechanics.unit)
 
     def starts(self, count: int) -> States:
         """Return states to search from, that of the member first."""
-        return search_starts(self.system, self.q, self.l, count)
+        return steady.search_starts(self.system, self.q, self.l, count)
 
     def solved(self, starts: States) -> list[Motion | None]:
         """Return the steady motion found from each state, None where the search fails."""
@@ -117,7 +108,7 @@ class Problem(NamedTuple):
         if not len(good):
             return []
         states, left, is_near = states.at(good), left[good], is_near[good]
-        seen = signatures(self.system, states)
+        seen = steady.signatures(self.system, states)
         apart = np.abs(seen[:, None] - seen).max(axis=2)
         same = apart < np.where(is_near[:, None] | is_near, 10.0 * NEAR, SAME)
         # of the states that are one motion, take the first that has the held momenta
@@ -134,16 +125,16 @@ class Problem(NamedTuple):
         count = starts.q.shape[1]
         if not count:
             return starts, np.zeros(0), np.zeros(0, bool)
-        states, left = solve(self.system, starts, self.held)
+        states, left = steady.solve(self.system, starts, self.held)
         failed = np.flatnonzero(left > SOLVED)
         is_near = np.zeros(count, bool)
         if not len(self.held) or not len(failed):
             return states, left, is_near
         free = self.system._replace(central=self.system.central[:0], conserves_size=False)
-        near, near_left = solve(free, states.at(failed), self.held[:0])
-        apart = held_momenta(self.system, near.q, near.l) - self.held
+        near, near_left = steady.solve(free, states.at(failed), self.held[:0])
+        apart = steady.held_momenta(self.system, near.q, near.l) - self.held
         take = (np.abs(apart).max(axis=0) < NEAR) & (near_left < SOLVED)
-        take &= [len(standing(self.system, near.at(i))) > 0 for i in range(len(failed))]
+        take &= [len(steady.standing(self.system, near.at(i))) > 0 for i in range(len(failed))]
         is_near[failed[take]] = True
         left[failed[take]] = near_left[take]
         return states.with_at(failed[take], near.at(take)), left, is_near
@@ -152,8 +143,8 @@ class Problem(NamedTuple):
         """Return the Motions of steady states with their residuals."""
         if not len(left):
             return []
-        states = seen_from_body(self.system, states)
-        seen = signatures(self.system, states)
+        states = steady.seen_from_body(self.system, states)
+        seen = steady.signatures(self.system, states)
         linear = linearise_motions(self.system, states)
         rows = zip(left.tolist(), seen, linear, strict=True)
         return [Motion(self.system, states.at(slice(i, i + 1)), *row) for i, row in enumerate(rows)]

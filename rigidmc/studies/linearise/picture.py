@@ -23,6 +23,7 @@ from rigidmc.views.figures import (
     new_figure,
 )
 
+Array = NDArray[np.float64]
 UNSTABLE = ("saddle", "unstable spiral")
 ALIKE = 1e-6  # of curves or eigenvalues that symmetric motions share, relative to the largest
 APART = 0.06  # of the height of the axes, between labels
@@ -100,9 +101,7 @@ def _branches(study: xr.Dataset) -> Figure:
     figure = new_figure(title, (7.2, 7.8))
     panels = figure.subplots(3, 1, sharex=True)
     values = np.where(study.origin.values == MOTION, study.growth + 1j * study.frequency, np.nan)
-    curves = np.concatenate(
-        [study.energy.values[..., None], values.reshape(*study.energy.shape, -1)], axis=-1
-    )
+    curves = np.concatenate([study.energy.values[..., None], values], axis=-1)
     groups = _groups(curves.reshape(study.sizes["branch"], -1))
     for k, alike in enumerate(groups):
         of_branch = study.bifurcation_branch.values == alike[0]
@@ -123,9 +122,7 @@ def _branches(study: xr.Dataset) -> Figure:
     return figure
 
 
-def _draw_branch(
-    panels: NDArray[Any], branch: xr.Dataset, k: int, onsets: NDArray[np.float64]
-) -> None:
+def _draw_branch(panels: NDArray[Any], branch: xr.Dataset, k: int, onsets: Array) -> None:
     """Draw energy, growth rate and frequencies of a branch with bifurcations at `onsets`."""
     value, is_motion = branch.value.values, branch.origin.values == MOTION
     grows, colour = np.isin(branch.stability.values, UNSTABLE), COLOURS[k % len(COLOURS)]
@@ -134,24 +131,14 @@ def _draw_branch(
     for axes, (x, y, thin) in zip(panels[:2], (energy, rate), strict=True):
         axes.plot(x, y, color=colour, lw=1.0, ls="--")
         axes.plot(x, np.where(thin, np.nan, y), color=colour, lw=2.4)
-    turning: Axes = panels[2]
     at, column = np.nonzero(is_motion & (branch.frequency.values >= 0.0))
-    turning.plot(
-        value[at],
-        branch.frequency.values[at, column],
-        MARKERS[k % 5],
-        ms=3.0,
-        mfc="none",
-        color=colour,
-    )
+    frequency = branch.frequency.values[at, column]
+    panels[2].plot(value[at], frequency, MARKERS[k % 5], ms=3.0, mfc="none", color=colour)
 
 
 def _with_onsets(
-    value: NDArray[np.float64],
-    rate: NDArray[np.float64],
-    grows: NDArray[np.bool_],
-    onsets: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    value: Array, rate: Array, grows: NDArray[np.bool_], onsets: Array
+) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return the samples of a growth rate and the points where growth begins or ends: it is 0
     there, but a line between samples would miss it."""
     at = np.searchsorted(value, onsets)
@@ -172,10 +159,8 @@ def _mark_bifurcations(axes: Axes, study: xr.Dataset) -> None:
             branch = int(study.bifurcation_branch[i])
             energy = study.energy.isel(branch=branch).dropna("value")
             heights.append(np.interp(study.bifurcation_value[i], energy.value, energy))
-        marker: dict[str, Any] = {"marker": MARKERS[k], "ms": 6.0, "ls": "", "mec": "white"}
-        axes.plot(
-            study.bifurcation_value.values[at], heights, color=ALARM, label=kind, zorder=4, **marker
-        )
+        values = study.bifurcation_value.values[at]
+        axes.plot(values, heights, MARKERS[k], c=ALARM, label=kind, zorder=4, ms=6.0, mec="white")
 
 
 def _name_branches(axes: Axes, study: xr.Dataset, groups: Sequence[list[int]]) -> None:
