@@ -412,23 +412,6 @@ def test_flips_come_at_the_right_time(name):
         assert abs((crossing(first + flip) - first) / flip - 1.0) < bound
 
 
-def test_published_flip_intervals_are_those_of_the_elliptic_integral():
-    for problem in (p for p in PROBLEMS.values() if "flip" in p.more):
-        with mp.workdps(40):
-            i, w = (
-                [mp.mpf(repr(x)) for x in problem.moments],
-                [mp.mpf(repr(x)) for x in problem.omega],
-            )
-            p = (i[1] - i[2]) * (i[0] - i[1]) / (i[0] * i[2]) * w[1] ** 2
-            q1, q3 = (
-                (i[2] - i[0]) * (i[1] - i[0]) / (i[1] * i[2]) * w[0] ** 2,
-                (i[1] - i[2]) * (i[0] - i[2]) / (i[0] * i[1]) * w[2] ** 2,
-            )
-            square = p + max(q1, q3)
-            flip = 2 * mp.ellipk(1 - abs(q1 - q3) / square) / mp.sqrt(square)
-            assert abs(flip / problem.more["flip"] - 1) < 1e-15  # measured 2e-16
-
-
 @pytest.mark.parametrize("h", [1e-6, 1e-3, 0.05])
 def test_a_short_turn_has_all_its_digits(h):
     """The error of a short rotation is the same in every step and adds up.
