@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from rigidmc.engine.kernel import layout
 from rigidmc.engine.machine import is_uncompiled
+from rigidmc.engine.streams import uniforms
 from rigidmc.errors import PartError, SceneError
 from rigidmc.inputs.amounts import count_text
 from rigidmc.mechanics.inertia import vectors_from, violates_triangle, why_impossible
@@ -22,6 +24,7 @@ from rigidmc.physics.observables.protocol import (
     Growth,
     Running,
 )
+from rigidmc.planning.initial import Source, initial_block, member_facts
 from rigidmc.planning.switches import check_switches
 from rigidmc.scene.derivatives import derivative_name
 from rigidmc.scene.model import Model
@@ -37,6 +40,8 @@ from rigidmc.scene.user_parts.integrators import check_user_integrator
 from rigidmc.scene.user_parts.observables import check_user_observable
 from rigidmc.scene.validation import ALLOWED, PILOT, named_integrators, outside, parameter_limits
 from rigidmc.scene.vector_distributions import Correlated
+from rigidmc.scene.vector_distributions.protocol import VectorDistribution
+from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
 
 COMPILED = "needs compiled code, but NUMBA_DISABLE_JIT is set"
 
@@ -298,3 +303,44 @@ def _not_monitored(run: Run, recording: Recording) -> str:
     if stops:
         return "megno does not support an event that stops members"
     return f"megno {COMPILED}" if is_uncompiled() else ""
+
+
+def check_starts(model: Model, sampler: Source, seed: int) -> None:
+    """Raise SceneError if no member has a valid start, or if an ensemble is too rare to draw."""
+    if model.start.attitude == "ensemble":
+        _check_ensemble(model, seed)
+        return
+    spin = model.start.spin_name
+    if not isinstance(getattr(model.start, spin), VectorDistribution):
+        return
+    if initial_block(model, sampler, 0, PILOT)[0][layout.STATUS].all():
+        rule = (
+            f"none of the first {PILOT} members has a valid start: energy, temperature or size is"
+            " out of range"
+        )
+        raise SceneError(rule, at=f"start.{spin}")
+
+
+def _check_ensemble(model: Model, seed: int) -> None:
+    """Raise SceneError if the attitudes of an ensemble are too rare among uniform attitudes for
+    rejection sampling."""
+    block, start = initial_block(model, seed, 0, PILOT, False)
+    facts = member_facts(model.effects, block, start["moments"])
+    ensemble: Any = model.start.momentum
+    acceptance = ensemble.acceptance(seed, 0, PILOT, facts)
+    u, v, w, _ = uniforms(seed, "start.attitude.ensemble", 0, PILOT, 0)
+    tried = uniform_attitudes(u, v, w)
+    if (np.abs(facts.potential(tried)) > facts.bound * (1.0 + 1e-9)).any():
+        rule = (
+            "needs the largest potential energy over all attitudes: a custom effect returns it from"
+            " energy_scale(self, body) [J]"
+        )
+        raise SceneError(rule, at="start.attitude", value="ensemble")
+    accepted = float(np.nanmean(acceptance(tried)))
+    if not accepted >= 0.01:
+        rule = (
+            f"the ensemble accepts {accepted:.1g} of uniform attitudes, fewer than 1 in 100: too "
+            "cold for rejection sampling; under gravity alone, a body with centre on axis 3 has "
+            "exp(-V/kT) by attitude = { pointing = { direction = [0, 0, -1], kappa = m g h/kT } }"
+        )
+        raise SceneError(rule, at="start.attitude", value="ensemble")

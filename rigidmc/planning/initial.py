@@ -10,8 +10,7 @@ from rigidmc.engine.formulas import energies
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.machine import allocate_block
-from rigidmc.engine.streams import key_of, stream_of, uniforms
-from rigidmc.errors import SceneError
+from rigidmc.engine.streams import key_of, stream_of
 from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.mechanics.inertia import (
     quaternions,
@@ -54,7 +53,7 @@ from rigidmc.scene.vector_distributions.protocol import (
     MemberFacts,
     VectorDistribution,
 )
-from rigidmc.scene.vector_distributions.vectors import uniform_attitudes, whole_of
+from rigidmc.scene.vector_distributions.vectors import whole_of
 
 APART = 256  # building this many unused members takes less time than another call
 RANGE = 2**14  # most members built at once: 8 MB
@@ -358,47 +357,6 @@ def member_facts(effects: Sequence[Any], block: Array, moments: Array) -> Member
         return energy
 
     return MemberFacts(moments, potential, total_energy_scale(potentials, body) + zeros, q)
-
-
-def check_starts(model: Model, sampler: Source, seed: int) -> None:
-    """Raise SceneError if no member has a valid start, or if an ensemble is too rare to draw."""
-    if model.start.attitude == "ensemble":
-        _check_ensemble(model, seed)
-        return
-    spin = model.start.spin_name
-    if not isinstance(getattr(model.start, spin), VectorDistribution):
-        return
-    if initial_block(model, sampler, 0, PILOT)[0][layout.STATUS].all():
-        rule = (
-            f"none of the first {PILOT} members has a valid start: energy, temperature or size is"
-            " out of range"
-        )
-        raise SceneError(rule, at=f"start.{spin}")
-
-
-def _check_ensemble(model: Model, seed: int) -> None:
-    """Raise SceneError if the attitudes of an ensemble are too rare among uniform attitudes for
-    rejection sampling."""
-    block, start = initial_block(model, seed, 0, PILOT, False)
-    facts = member_facts(model.effects, block, start["moments"])
-    ensemble: Any = model.start.momentum
-    acceptance = ensemble.acceptance(seed, 0, PILOT, facts)
-    u, v, w, _ = uniforms(seed, "start.attitude.ensemble", 0, PILOT, 0)
-    tried = uniform_attitudes(u, v, w)
-    if (np.abs(facts.potential(tried)) > facts.bound * (1.0 + 1e-9)).any():
-        rule = (
-            "needs the largest potential energy over all attitudes: a custom effect returns it from"
-            " energy_scale(self, body) [J]"
-        )
-        raise SceneError(rule, at="start.attitude", value="ensemble")
-    accepted = float(np.nanmean(acceptance(tried)))
-    if not accepted >= 0.01:
-        rule = (
-            f"the ensemble accepts {accepted:.1g} of uniform attitudes, fewer than 1 in 100: too "
-            "cold for rejection sampling; under gravity alone, a body with centre on axis 3 has "
-            "exp(-V/kT) by attitude = { pointing = { direction = [0, 0, -1], kappa = m g h/kT } }"
-        )
-        raise SceneError(rule, at="start.attitude", value="ensemble")
 
 
 def work_flags(effects: Sequence[Any], has_work: bool) -> tuple[Flag, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
+from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.kernel.layout import RowMap
 from rigidmc.engine.machine import allocate_block
 from rigidmc.engine.program_spec import NO_DERIVATIVES, Derivatives
@@ -27,6 +28,7 @@ from rigidmc.planning.initial import (
     Start,
     initial_block,
     initial_block_of,
+    noise_keys,
     work_flags,
 )
 from rigidmc.planning.monitors import Monitors, places_of
@@ -66,7 +68,7 @@ class Plan(NamedTuple):
     scheme : how the integrator makes a step, None for closed forms
     angle : largest turn of the pilot's members in a step at the start [rad]
     turn_rate : bound on the rate of free motion, if the integrator requires one [rad/s]
-    dtype : number type of the steps;  compensated : whether sums keep their remainders
+    compensated : whether sums keep their remainders
     notes : hints to the user;  limits : bounds that flag a member, () if there are none
     works : see `rigidmc.planning.initial.work_flags`
     monitors : quantities recorded at every step;  places : their rows in a block
@@ -89,7 +91,6 @@ class Plan(NamedTuple):
     scheme: StepScheme | None
     angle: float
     turn_rate: float | None
-    dtype: str
     compensated: bool
     notes: tuple[str, ...]
     limits: Limits | tuple[()]
@@ -131,6 +132,10 @@ class Plan(NamedTuple):
     def columns(self) -> int:
         """Number of derivatives that each number of a block and of a save has."""
         return self.derivatives.at_once * self.derivatives.passes
+
+    def noise(self, members: NDArray[np.int64]) -> NoiseKeys:
+        """Return the keys of the noise of members by their indices."""
+        return noise_keys(self.model.effects, self.run.seed, members)
 
     def initial(
         self, sampler: Source, members: NDArray[np.int64], pilot: InitialMembers | None = None
@@ -266,7 +271,6 @@ def make_plan(
         scheme=scheme,
         angle=steps.angle,
         turn_rate=rate,
-        dtype=run.dtype,
         compensated=not (scheme and has_extra_state(scheme.integrator))
         and keeps_remainders(kind, effects, run.dtype, run.compensated),
         notes=notes,

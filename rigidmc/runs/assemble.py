@@ -38,7 +38,7 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
         steps |= {"last_steps": grid.steps - grid.head, "last_dt": grid.last_dt}
     facts = {
         **steps,
-        "dtype": plan.dtype,
+        "dtype": plan.run.dtype,
         "compensated": int(plan.compensated),
         **plan.bounds(),
         "parts_per_step": len(plan.scheme.substeps) - 1 if plan.scheme else 0,
@@ -109,7 +109,7 @@ def make_program(
         events, running, growth = plan.monitors.compiled
         spec = ProgramSpec(
             plan.scheme, blank(effects), tuple(plan.recording.recorded.values()),
-            plan.has_attitude, plan.compensated, plan.dtype, plan.limits, plan.works, events,
+            plan.has_attitude, plan.compensated, plan.run.dtype, plan.limits, plan.works, events,
             running, growth, plan.nodes, plan.paired,
             plan.grid.is_shortened or plan.has_switches, plan.has_axes, derivatives,
         )  # fmt: skip

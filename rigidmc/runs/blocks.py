@@ -24,7 +24,7 @@ from rigidmc.physics.effects.sums import has_untracked
 from rigidmc.physics.observables.protocol import is_time_average
 from rigidmc.planning import monitors
 from rigidmc.planning.closed_form import closed_values
-from rigidmc.planning.initial import Start, noise_keys, rows_to_fill
+from rigidmc.planning.initial import Start, rows_to_fill
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import Array, order_by_steps, physics
 from rigidmc.planning.switches import cut_rows
@@ -138,7 +138,7 @@ def make_job(
     rows, start = run.initial(first, count)
     members = run.members.indices(first, rows.shape[1])
     if program is not None:
-        noise = noise_keys(plan.model.effects, plan.run.seed, members)
+        noise = plan.noise(members)
         if plan.has_member_steps:
             order = order_by_steps(rows)
             # the others are 0 so far; derivatives follow the axes
@@ -205,7 +205,7 @@ def _results(job: BlockJob, run: SettledRun) -> Arrays:
     each = rows[layout.STEPS] if plan.has_member_steps or plan.monitors.labelled else 1.0
     made, clock = plan.grid.steps * each, plan.grid.clock.of(each)
     stops = any(one.stop for _, one in plan.monitors.of_events)
-    law = drift_laws(plan.conserved, plan.kind.is_reversible, stops, rows, made, plan.dtype)
+    law = drift_laws(plan.conserved, plan.kind.is_reversible, stops, rows, made, plan.run.dtype)
     if flagged.any():
         step, time = np.where(flagged, fault, step), np.where(flagged, clock.time(fault), time)
     monitored = monitors.results(

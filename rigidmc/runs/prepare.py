@@ -19,9 +19,9 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError, PartError, warn
 from rigidmc.files.outputs import Path
 from rigidmc.inputs.amounts import read_count
-from rigidmc.planning.check import check_scene
+from rigidmc.planning.check import check_scene, check_starts
 from rigidmc.planning.closed_form import closed_form
-from rigidmc.planning.initial import check_starts, make_pilot, make_sampler
+from rigidmc.planning.initial import make_pilot, make_sampler
 from rigidmc.planning.monitors import make_monitors
 from rigidmc.planning.notes import scene_notes, step_notes
 from rigidmc.planning.plan import make_plan

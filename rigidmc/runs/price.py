@@ -20,7 +20,7 @@ from rigidmc.engine.kernel.layout import LANES
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import NO_SAVES
 from rigidmc.engine.program_spec import NO_DERIVATIVES
-from rigidmc.files.outputs import folder_beside
+from rigidmc.files.outputs import Path, folder_beside
 from rigidmc.inputs.amounts import count_text, two_digits
 from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.protocol import from_numbers, is_random, user_parameters
@@ -28,7 +28,6 @@ from rigidmc.physics.integrators import integrators_for
 from rigidmc.physics.integrators.splitting import Langevin, ScoredLangevin
 from rigidmc.physics.observables.flips import Flips
 from rigidmc.physics.observables.passage import Passage
-from rigidmc.planning.initial import noise_keys
 from rigidmc.planning.monitors import Monitors, places_of
 from rigidmc.planning.tolerance.costs import Costs
 from rigidmc.planning.tolerance.pilot import pilot
@@ -53,9 +52,7 @@ def cost_per_step(
     assert program is not None, "closed forms make no steps"
     on_device, own = is_gpu(device), int(plan.has_member_steps)
     members = DEVICE_BLOCK if on_device else members
-    random = noise_keys(
-        plan.model.effects, plan.run.seed, run.members.indices(run.members.first, members)
-    )
+    noise = plan.noise(run.members.indices(run.members.first, members))
     staged, _ = run.initial(run.members.first, members)
     staged[layout.STEPS] = 1.0
     order = NO_SAVES._replace(order=np.arange(staged.shape[1]))
@@ -66,7 +63,7 @@ def cost_per_step(
             block[layout.STEPS] = steps
         began = time.perf_counter()
         frame = StepRange(plan.grid.dt, steps if own else 1, steps, steps, own, 0, steps)
-        program.advance(block, frame, random, order)
+        program.advance(block, frame, noise, order)
         return time.perf_counter() - began
 
     best, steps = math.inf, 16
@@ -91,7 +88,7 @@ LATE = 0.5  # seconds after which no further round starts, from the fourth on
 
 
 def predicted_seconds(
-    run: PreparedRun, threads: int, device: str | None, output: str | os.PathLike[str] | None
+    run: PreparedRun, threads: int, device: str | None, output: Path | None
 ) -> float:
     """Predict how long a run with a chosen integrator will take [s].
 
@@ -114,11 +111,7 @@ def predicted_seconds(
 
 
 def _rehearsed(
-    run: PreparedRun,
-    threads: int,
-    device: str,
-    output: str | os.PathLike[str] | None,
-    size: int,
+    run: PreparedRun, threads: int, device: str, output: Path | None, size: int
 ) -> dict[int, list[float]]:
     """Return {members: [seconds of each run]} for `size` members and three times as many."""
     first, block = run.members.first, block_of(run, threads, device, output is not None)
@@ -263,15 +256,17 @@ def _studied(
     return time.perf_counter() - began
 
 
+# A body on an orbit has to turn about its centre of mass; a step costs the same anywhere.
+_BODY = Body.from_moments((1.0, 1.4, 2.0), centre=(0.0, 0.0, 0.0))
+_START = Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
+
+
 def step_costs() -> dict[str, dict[str, float]]:
     """Measure {integrator: {"free": ns, "heavy": ns}} of one step on one thread of this machine,
     for asymmetric bodies that turn by 0.1 rad."""
-    # A body on an orbit has to turn about its centre of mass; a step costs the same anywhere.
-    body = Body.from_moments((1.0, 1.4, 2.0), centre=(0.0, 0.0, 0.0))
-    start = Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
     measured: dict[str, dict[str, float]] = {}
     for word, effects in (("free", ()), ("heavy", (EFFECTS["gravity"](1.0),))):
-        scene = Scene(body, effects, start).with_run(t_end=1.0, save=("attitude",))
+        scene = Scene(_BODY, effects, _START).with_run(t_end=1.0, save=("attitude",))
         costs = Costs(pilot(scene, 1))
         for name in integrators_for(effects):
             if name != "closed":
@@ -337,45 +332,35 @@ def prices(run: PreparedRun) -> tuple[float, Any, dict[str, Any], float, float]:
     return free, none, added, noise, free * whole.slots / none.slots + noise
 
 
-def observable_prices(
-    scene: Scene, monitored: dict[str, tuple[Any, ...]], rounds: int = 5
-) -> dict[str, float]:
-    """Measure {label: ns that it adds to a step of rk4 with attitude on one thread}, with "" for
-    the step itself; medians of interleaved rounds.
-
-    monitored : {label: its names in `save`}
-    """
-    scenes = {
-        label: scene.with_run(save=("attitude", *some))
-        for label, some in {"": (), **monitored}.items()
-    }
-    runs = {label: prepare_scene(one) for label, one in scenes.items()}
-    taken: dict[str, list[float]] = {label: [] for label in scenes}
-    for _ in range(rounds):
-        for label, one in runs.items():
-            taken[label].append(cost_per_step(one, seconds=0.1))
-    bare = float(np.median(taken[""]))
-    return {"": bare} | {label: float(np.median(t)) - bare for label, t in taken.items() if label}
-
-
 def monitored_prices(rounds: int = 5) -> dict[str, dict[str, float]]:
-    """Measure {"free" | "heavy": `observable_prices`} of all monitors, for a body that nearly spins
-    about its middle axis."""
+    """Measure {"free" | "heavy": {label: ns that a monitor adds to a step of rk4 with attitude on
+    one thread}}, with "" for the step itself, for a body that nearly spins about its middle axis;
+    medians of interleaved rounds."""
     body = Body.from_moments((1.0, 2.0, 3.0), mass=1.0, centre=(0.0, 0.0, 0.3))
     start = Start(omega=Cone(2, 1.0, 0.05), attitude="uniform")
     names = (
         "nutation", "precession", "megno", "omega_max", "energy_mean", "energy_variance",
     )  # fmt: skip
-    monitored: dict[str, tuple[Any, ...]] = {
+    saves: dict[str, tuple[Any, ...]] = {
+        "": (),
         "flips": (Flips(2),),
         "passage": (Passage(3, 0.01, "reaches"),),
         **{name: (name,) for name in names},
     }
-    scenes = {
-        word: Scene(body, effects, start).with_run(dt=0.02, t_end=20.0)
-        for word, effects in (("free", ()), ("heavy", (EFFECTS["gravity"](1.0),)))
-    }
-    return {word: observable_prices(scene, monitored, rounds) for word, scene in scenes.items()}
+    prices: dict[str, dict[str, float]] = {}
+    for word, effects in (("free", ()), ("heavy", (EFFECTS["gravity"](1.0),))):
+        scene = Scene(body, effects, start).with_run(dt=0.02, t_end=20.0)
+        runs = {
+            label: prepare_scene(scene.with_run(save=("attitude", *some)))
+            for label, some in saves.items()
+        }
+        taken: dict[str, list[float]] = {label: [] for label in runs}
+        for _ in range(rounds):
+            for label, run in runs.items():
+                taken[label].append(cost_per_step(run, seconds=0.1))
+        cost = {label: float(np.median(ns)) for label, ns in taken.items()}
+        prices[word] = {label: ns - cost[""] * (label != "") for label, ns in cost.items()}
+    return prices
 
 
 def effect_prices() -> dict[str, Any]:
@@ -386,12 +371,9 @@ def effect_prices() -> dict[str, Any]:
     "with gravity", by rk4; "strang", to which random effects are added, and "rk8", to which effects
     with moving parts are added, both with gravity.
     """
-    # A body on an orbit has to turn about its centre of mass; a step costs the same anywhere.
-    body = Body.from_moments((1.0, 1.4, 2.0), centre=(0.0, 0.0, 0.0))
-    start = Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
 
     def cost(effects: tuple[Any, ...], save: str = "omega", integrator: str = "rk4") -> float:
-        scene = Scene(body, effects, start).with_run(
+        scene = Scene(_BODY, effects, _START).with_run(
             integrator=integrator, dt=0.1, t_end=1.0, save=(save,), checks=False
         )
         return cost_per_step(prepare_scene(scene))

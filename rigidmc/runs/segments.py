@@ -16,7 +16,7 @@ from rigidmc.engine.machine import allocate_block
 from rigidmc.engine.program import NO_SAVES
 from rigidmc.errors import SceneError
 from rigidmc.planning import monitors
-from rigidmc.planning.initial import Source, initial_block, noise_keys
+from rigidmc.planning.initial import Source, initial_block
 from rigidmc.planning.switches import cut_rows
 from rigidmc.processes.threads import Late, Task, end_of_work, threads_of
 from rigidmc.runs.prepare import prepare_scene
@@ -74,7 +74,7 @@ class SegmentedRun:
         """
         plan, count = self.plan, members.size
         first, last = map(int, self.ends[part : part + 2])
-        grid, effects, seed = plan.grid, plan.model.effects, plan.run.seed
+        grid, effects = plan.grid, plan.model.effects
         lengths = grid.head, grid.last_dt
         cuts = cut_rows(effects, grid.clock, grid.steps, False)
         run = StepRange(grid.dt, 1, grid.stride, grid.steps, 0, first, last, *lengths, cuts=cuts)
@@ -83,7 +83,7 @@ class SegmentedRun:
         def advance(low: int) -> Array:
             mine = fill_lanes(block[:, low : low + size])
             indices = np.resize(members[low : low + size], mine.shape[1])
-            for _ in self._program.through(mine, run, noise_keys(effects, seed, indices), NO_SAVES):
+            for _ in self._program.through(mine, run, plan.noise(indices), NO_SAVES):
                 if time.monotonic() >= end:
                     raise Late
             return mine[:, : min(size, count - low)]

@@ -163,7 +163,7 @@ def _steps(prepared_run: PreparedRun, every: SaveTimes | None, device: str = "cp
         if grid.is_shortened and plan.scheme:
             less = f" (last {grid.steps - grid.head:,}: {grid.last_dt:.6g} s)"
         lines.append(f"steps        {grid.steps:,}{pieces}, dt = {grid.dt:.6g} s{less}, {end}")
-    if plan.dtype == "float32":
+    if plan.run.dtype == "float32":
         lines.append(f"float32      {single_precision(plan)}")
     keep = [
         f"{word} of {name}" for name, word in layout.recording.retained.items() if word != "full"

@@ -9,6 +9,7 @@ import math
 import os
 import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -125,28 +126,29 @@ class ShardChunks:
         return dims, stacked.sum(0, dtype=dtype), attrs
 
 
+@dataclass(eq=False)
 class _Joined:
     """A variable of shards as one array, which dask reads by slices: only the shards of the members
-    that are needed are opened."""
+    that are needed are opened.
 
-    def __init__(
-        self,
-        shards: list[_Shard],
-        mark: str,
-        name: str,
-        shape: tuple[int, ...],
-        dtype: np.dtype[Any],
-        axis: int,
-        along: str,
-    ) -> None:
-        """shards : with at least one value;  axis, along : the dimension that grows"""
-        self.shape, self.dtype, self.ndim = shape, dtype, len(shape)
-        self._shards, self._mark, self._name, self._axis = shards, mark, name, axis
-        self._ends = np.cumsum([one.sizes[along] for one in shards])
+    shards : with at least one value;  axis, along : the dimension that grows
+    """
+
+    shards: list[_Shard]
+    mark: str
+    name: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    axis: int
+    along: str
+
+    def __post_init__(self) -> None:
+        self.ndim = len(self.shape)
+        self._ends = np.cumsum([shard.sizes[self.along] for shard in self.shards])
 
     def __getitem__(self, index: Any) -> NDArray[Any]:
         """Return the values at an index with a slice, number or list of numbers for each axis."""
-        axis, where = self._axis, index[self._axis]
+        axis, where = self.axis, index[self.axis]
         if isinstance(where, slice):
             wanted: Any = range(self.shape[axis])[where]
         else:
@@ -166,7 +168,7 @@ class _Joined:
 
     def _read(self, low: int, high: int) -> tuple[int, NDArray[Any]]:
         """Return (number of the first value, values) of the shards with the values low to high."""
-        axis, ends, shape = self._axis, self._ends, [*self.shape]
+        axis, ends, shape = self.axis, self._ends, [*self.shape]
         some = slice(0, 0)
         if high > low:
             first, last = np.searchsorted(ends, (low, high - 1), "right")
@@ -174,11 +176,11 @@ class _Joined:
         begin = int(ends[some.start - 1]) if some.start else 0
         shape[axis] = int(ends[some.stop - 1]) - begin if some.stop else 0
         out, places, at = np.empty(shape, self.dtype), list[tuple[_Shard, NDArray[Any]]](), 0
-        for shard, end in zip(self._shards[some], ends[some], strict=True):
+        for shard, end in zip(self.shards[some], ends[some], strict=True):
             part = slice(at, int(end) - begin)
             places.append((shard, out[(*[slice(None)] * axis, part)]))
             at = part.stop
-        _fill(places, self._mark, self._name)
+        _fill(places, self.mark, self.name)
         return begin, out
 
 
