@@ -63,7 +63,7 @@ def check_scene(scene: Scene, recording: Recording) -> None:
         raise SceneError(rule, at="run.save", value="work")
     if recording.has_noise_sums and (rule := _no_noise_sums(model, recording)):
         raise SceneError(rule, at="run.save", value="noise_score")
-    growing = [label for label, one in recording.monitored if isinstance(one, Growth)]
+    growing = [label for label, kind in recording.monitored if isinstance(kind, Growth)]
     check_switches(model, run, growing)
     if run.wrt:
         _check_derivatives(run, model, recording)
@@ -88,7 +88,7 @@ def _no_noise_sums(model: Model, recording: Recording) -> str:
         return "needs the noise of a bath: add an effect `bath`"
     if recording.has_work:
         return "is not available with work: save one of them"
-    if any(one.stop for _, one in recording.monitored):
+    if any(monitor.stop for _, monitor in recording.monitored):
         return "is not available with an event that stops members"
     return ""
 
@@ -103,11 +103,11 @@ def _check_derivatives(run: Run, model: Model, recording: Recording) -> None:
         raise SceneError(rule, at="run.wrt", value=", ".join(run.wrt))
     if END not in run.wrt:
         return
-    if noisy := [label for label, one in label_effects(model.effects) if is_random(one)]:
+    if noisy := [label for label, part in label_effects(model.effects) if is_random(part)]:
         rule = f"has no derivative: under the noise of {', '.join(noisy)} no state has a rate"
         raise SceneError(rule, at="run.wrt", value=END)
     running = [pair for pair in recording.monitored if isinstance(pair[1], Running)]
-    if lost := [label for label, one in running if not implements(one, "lengthened")]:
+    if lost := [label for label, part in running if not implements(part, "lengthened")]:
         rule = f"has no derivative of {', '.join(lost)}: the class needs a method `lengthened`"
         raise SceneError(rule, at="run.wrt", value=END)
 
@@ -133,8 +133,8 @@ def check_parts(scene: Scene) -> None:
     effects = scene.model.coarse().effects
     for effect in effects:
         check_user_effect(effect)
-    for one in scene.observables:
-        check_user_observable(one, tuple(map(plain_numbers, effects)))
+    for kind in scene.observables:
+        check_user_observable(kind, tuple(map(plain_numbers, effects)))
     for word, integrator in named_integrators(scene.integrators).items():
         check_user_integrator(integrator, word)
 
@@ -219,12 +219,12 @@ def _check_orbit(model: Model, seed: int) -> None:
             "a body on an orbit (gravity_gradient) turns about its centre of mass, which here is"
             " not the fixed point: "
         )
-        known = is_shared(model.body.moments, model.body.mass, model.body.centre)
+        has_shared_body = is_shared(model.body.moments, model.body.mass, model.body.centre)
         rule += (
             'set pivot = "centre" in [body], or call body.with_pivot_at_centre() in Python, to move'
             " the fixed point and the tensor there"
             + (", separately for each draw" if uncertain else "")
-            if uncertain or known
+            if uncertain or has_shared_body
             else "give moments about the centre of mass and leave centre out"
         )
         told = centre if turn is None else vectors_from(turn, centre)  # as the scene gives it
@@ -265,12 +265,12 @@ def _check_variables(run: Run, recording: Recording) -> None:
         differentiated = map(derivative_name, (*recording.names, *results))
         taken |= {"parameter", "parameter_unit", *differentiated}
     every: list[tuple[Any, list[str]]] = [(recording.observable(n), [n]) for n in recording.names]
-    every += [(one, list(outputs(label, one))) for label, one in recording.monitored]
-    for one, names in sorted(every, key=lambda pair: is_own(pair[0])):
+    every += [(kind, list(outputs(label, kind))) for label, kind in recording.monitored]
+    for kind, names in sorted(every, key=lambda pair: is_own(pair[0])):
         for name in names:
             if name in taken:
                 rule = f"gives the variable '{name}', which the result already has: rename it"
-                raise PartError.of(one, rule, "observables")
+                raise PartError.of(kind, rule, "observables")
             taken.add(name)
 
 
@@ -284,10 +284,10 @@ def _check_monitored(run: Run, recording: Recording) -> None:
 
 def _not_monitored(run: Run, recording: Recording) -> str:
     """Return why observables over all steps conflict with the run settings, or "" if they fit."""
-    observables = [one for _, one in recording.monitored]
-    stops = [one for one in observables if one.stop]
+    observables = [kind for _, kind in recording.monitored]
+    stops = [kind for kind in observables if kind.stop]
     if run.integrator == "closed":
-        if any(not isinstance(one, EnsembleObservable) for one in observables):
+        if any(not isinstance(kind, EnsembleObservable) for kind in observables):
             return "closed forms make no steps to monitor: use exact"
         if any(map(is_own, recording.recorded.values())):
             return "closed forms do not support custom observables: use exact"
@@ -298,7 +298,7 @@ def _not_monitored(run: Run, recording: Recording) -> str:
             "the work of a member is lost when an event stops it: save work without stop, or stop"
             " without saving work"
         )
-    if not any(isinstance(one, Growth) for one in observables):
+    if not any(isinstance(kind, Growth) for kind in observables):
         return ""
     if stops:
         return "megno does not support an event that stops members"

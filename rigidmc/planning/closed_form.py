@@ -70,8 +70,8 @@ class ClosedMotion(NamedTuple):
         shape = (*t.shape[:-1], len(self.form))
         motion = Motion(*(np.full((*shape, size), np.nan) for size in (3, 3, 4)))
         for form, members, part in self.parts():
-            for whole, values in zip(motion, _motion(form, part, t), strict=True):
-                whole[..., members, :] = values
+            for everyone, values in zip(motion, _motion(form, part, t), strict=True):
+                everyone[..., members, :] = values
         return motion
 
     def kinds(self) -> list[tuple[NDArray[np.int64], Any]]:

@@ -116,7 +116,7 @@ def initial_block_of(
         # block[:, columns] would have another memory layout
         blocks.append(np.take(block, columns, axis=1))
         starts.append({name: values[..., columns] for name, values in start.items()})
-    start = {name: np.concatenate([one[name] for one in starts], axis=-1) for name in starts[0]}
+    start = {name: np.concatenate([part[name] for part in starts], axis=-1) for name in starts[0]}
     return np.concatenate(blocks, axis=1), start
 
 
@@ -200,16 +200,16 @@ def _name(model: Model, stream: str, draw: int, word: int) -> str:
         effect = dict(label_effects(model.effects))[first]
         alone = shape(effect, rest[0]) and whole_of(getattr(effect, rest[0])) is None
         return f"{stream}.{4 * draw + word + 1}" if alone else stream
-    whole = f"{table}.{first}"
+    vector = f"{table}.{first}"
     if first == "attitude":
         angles = model.start.has_euler_angles
-        return f"{whole}.{angle_names(model.start.sequence)[word]}" if angles else whole
-    if whole == "body.tensor":
+        return f"{vector}.{angle_names(model.start.sequence)[word]}" if angles else vector
+    if vector == "body.tensor":
         return f"body.{model.body.moments.names_of_draws()[4 * draw + word]}"
-    if whole == "body.mass":
-        return whole
+    if vector == "body.mass":
+        return vector
     value = getattr(getattr(model, table), first)
-    return f"{whole}.{4 * draw + word + 1}" if isinstance(value, tuple) else whole
+    return f"{vector}.{4 * draw + word + 1}" if isinstance(value, tuple) else vector
 
 
 def rows_to_fill(effects: Sequence[Any]) -> tuple[slice, ...]:
@@ -229,8 +229,8 @@ def fill_initial(
     values that the members are built from."""
     count = block.shape[1]
     moments, mass, centre, turn = model.body.sample_turned(sampler, first, count)
-    given = _drawn_parameters(model.effects, sampler, first, count)
-    effects = given if turn is None else _turned(model.effects, given, turn)
+    parameters = _drawn_parameters(model.effects, sampler, first, count)
+    effects = parameters if turn is None else _turned(model.effects, parameters, turn)
     _fill_body_and_effects(block, model.effects, effects, moments, mass, centre)
     relative = relative_to_orbit(model)
     attitude = np.array([[1.0], [0.0], [0.0], [0.0]])
@@ -247,9 +247,9 @@ def fill_initial(
             axes = multiply(tuple(attitude), quaternions(turn))
             block[layout.ATTITUDE : layout.MOMENTUM] = axes
     # the principal frame of an uncertain tensor has the axes of each member
-    own = turn if model.body.frame == "described" else None
-    known = member_facts(model.effects, block, moments)._replace(turn=own) if asks else None
-    word, drawn = model.start.sample_spin(sampler, first, count, known)
+    turned = turn if model.body.frame == "described" else None
+    asked = member_facts(model.effects, block, moments)._replace(turn=turned) if asks else None
+    word, drawn = model.start.sample_spin(sampler, first, count, asked)
     in_principal = isinstance(getattr(model.start, word), EquilibriumEnsemble)
     if word in relative:
         drawn = with_orbit_rate(model.effects, effects, attitude, drawn)
@@ -261,14 +261,14 @@ def fill_initial(
         start["principal_centre"] = centre
         # results have what the scene says, to the last bit, unless it was drawn in principal axes
         if model.body.frame == "principal":
-            start[f"start_{word}"], given = spin, effects
+            start[f"start_{word}"], parameters = spin, effects
         else:
             start["centre"] = vectors_from(turn, centre)
             if in_principal:
                 start[f"start_{word}"] = vectors_from(turn, spin)
     if isinstance(model.body.moments, TensorRows):
         start["tensor"] = draw(model.body.moments.rows, sampler, "body.tensor", first, count)
-    start |= {name: values if len(values) > 1 else values[0] for name, values in given.items()}
+    start |= {name: values if len(values) > 1 else values[0] for name, values in parameters.items()}
     if has_attitude:
         start["start_attitude"] = _attitude_of_result(model, block, attitude, start)
         if model.start.has_euler_angles:
@@ -318,7 +318,7 @@ def _fill_body_and_effects(
         end = layout.EFFECTS + parameter_count(*effects)
         acting = dict(drawn)
         for name, sources in shared_parameters(effects).items():
-            acting[name] = np.stack([drawn[one] for one in sources]).sum(0)
+            acting[name] = np.stack([drawn[source] for source in sources]).sum(0)
         block[layout.EFFECTS : end] = np.concatenate(list(acting.values()))
     block[layout.STATUS], block[layout.STEPS] = layout.STATUSES["ok"], 1.0
 

@@ -50,9 +50,9 @@ Array = NDArray[np.float64]
 def body_notes(body: Body) -> list[str]:
     """Return the notes on a body of plain numbers, as `scene_notes` has them for its scene."""
     moments, mass, centre = body.sample(0, 0, 1)
-    one = Run(members=1)
+    run = Run(members=1)
     return [
-        *impossible_bodies(body, one, False),
+        *impossible_bodies(body, run, False),
         *unlike_matter(body, moments, mass, centre),
         *far_centre(body, moments, mass, centre),
     ]
@@ -350,8 +350,8 @@ def motionless(start: Start, effects: Sequence[Any], moments: Array, centre: Arr
     start : without grids;  effects : of the package, with arrays as fields
     moments, centre : (3, n) of the members
     """
-    given = getattr(start, start.spin_name)
-    at_rest = isinstance(given, tuple) and is_shared(given) and not any(given)
+    spin = getattr(start, start.spin_name)
+    at_rest = isinstance(spin, tuple) and is_shared(spin) and not any(spin)
     if not at_rest or start.relative_to_orbit:
         return ""
     lean = ", or an attitude that leans, such as (0, 0.1, 0)" if effects else ""

@@ -101,25 +101,25 @@ class Monitors(NamedTuple):
 def make_monitors(model: Model, recording: Recording, seed: int) -> Monitors:
     """Return the Monitors of a run; raise SceneError for an event that the run cannot have."""
     observables = [
-        (label, one)
-        for label, one in recording.monitored
-        if not isinstance(one, EnsembleObservable)
+        (label, kind)
+        for label, kind in recording.monitored
+        if not isinstance(kind, EnsembleObservable)
     ]
-    events = tuple((label, one) for label, one in observables if isinstance(one, Event))
-    growth = tuple((label, one) for label, one in observables if isinstance(one, Growth))
-    running = tuple((label, one) for label, one in observables if isinstance(one, Running))
+    events = tuple((label, kind) for label, kind in observables if isinstance(kind, Event))
+    growth = tuple((label, kind) for label, kind in observables if isinstance(kind, Growth))
+    running = tuple((label, kind) for label, kind in observables if isinstance(kind, Running))
     moments, complete = _bodies(model, seed) if events else (np.empty((3, 0)), True)
     monitors = Monitors(
-        tuple(one.bind(moments, complete, model.effects) for _, one in events),
-        tuple((bind(one, model.effects), static_count(one.state_size)) for _, one in running),
+        tuple(kind.bind(moments, complete, model.effects) for _, kind in events),
+        tuple((bind(kind, model.effects), static_count(kind.state_size)) for _, kind in running),
         flag(growth),
         events,
         running,
         growth,
-        tuple((label, one) for label, one in observables if isinstance(one, NoiseSum)),
+        tuple((label, kind) for label, kind in observables if isinstance(kind, NoiseSum)),
         tuple(
-            (f"{label}_bin", one.edges(), recording.observable(one.name).units)
-            for label, one in recording.histograms
+            (f"{label}_bin", kind.edges(), recording.observable(kind.name).units)
+            for label, kind in recording.histograms
         ),
         dimensions(recording.recorded, recording.monitored),
     )
@@ -167,14 +167,15 @@ def _needs_attitude(effects: Sequence[Any], recording: Recording, monitors: Moni
     return (
         any(depends(value, o, **_SAVED, works=works) for o in recording.recorded.values())
         or any(
-            depends(begin, one, **_VALUES)
-            or depends(extrema, one, **_VALUES)
-            or depends(update, one, **_VALUES, state=marks)
-            for one, marks in monitors.running
+            depends(begin, kind, **_VALUES)
+            or depends(extrema, kind, **_VALUES)
+            or depends(update, kind, **_VALUES, state=marks)
+            for kind, marks in monitors.running
         )
         or any(
-            depends(level, one, **_VALUES) or depends(armed, one, **_VALUES, level=0.5, armed=True)
-            for one in monitors.events
+            depends(level, kind, **_VALUES)
+            or depends(armed, kind, **_VALUES, level=0.5, armed=True)
+            for kind in monitors.events
         )
     )
 
@@ -206,31 +207,31 @@ def results(
     variables: dict[str, Any] = {}
     steps, lags = total, dict[str, float]()
 
-    def add(label: str, one: Any, values: Any) -> None:
-        lags.update(times := event_times(label, one))
-        for name, x in zip(outputs(label, one), values, strict=True):
-            known = healthy
+    def add(label: str, monitor: Any, values: Any) -> None:
+        lags.update(times := event_times(label, monitor))
+        for name, x in zip(outputs(label, monitor), values, strict=True):
+            is_known = healthy
             if name in times:
-                known = healthy | (x <= known_until - times[name])
-            variables[name] = np.where(known, x, np.nan)
+                is_known = healthy | (x <= known_until - times[name])
+            variables[name] = np.where(is_known, x, np.nan)
 
-    for i, (label, one) in enumerate(monitors.of_events):
+    for i, (label, monitor) in enumerate(monitors.of_events):
         at = places.events + EVENT_ROWS * i
         record = with_derivatives(event_record(block[at : at + EVENT_ROWS], everyone))
-        add(label, one, results_of(one, record).values())
-        if one.stop:
+        add(label, monitor, results_of(monitor, record).values())
+        if monitor.stop:
             seen = np.where(healthy, record.seen, np.nan)
             steps = np.where(np.isfinite(seen), clock.steps(seen), steps)
     at, weighed = places.running, clock.weighed(steps, total)
-    for (label, one), (_, marks) in zip(monitors.of_running, monitors.running, strict=True):
-        seen = 2.0 * nodes * weighed if nodes and is_time_average(one) else weighed
-        add(label, one, results_of(one, block[at : at + len(marks)], seen).values())
+    for (label, monitor), (_, marks) in zip(monitors.of_running, monitors.running, strict=True):
+        seen = 2.0 * nodes * weighed if nodes and is_time_average(monitor) else weighed
+        add(label, monitor, results_of(monitor, block[at : at + len(marks)], seen).values())
         at += len(marks)
-    for label, one in monitors.of_growth:
+    for label, monitor in monitors.of_growth:
         sums = rows[places.growth + SUMS : places.growth + RECORDED]
-        add(label, one, one.results(sums, clock.time(total)).values())
-    for label, one in monitors.of_noise:
-        add(label, one, one.results(rows[layout.EXTRA : layout.START]).values())
+        add(label, monitor, monitor.results(sums, clock.time(total)).values())
+    for label, monitor in monitors.of_noise:
+        add(label, monitor, monitor.results(rows[layout.EXTRA : layout.START]).values())
     if lags:
         started = rows[layout.STATUS] != float(STATUSES["invalid_input"])
         followed = np.where(healthy, clock.time(steps), known_until)

@@ -132,7 +132,7 @@ def _filled(effects: Sequence[Any], seed: int) -> Effects:
 
 def _one_at_a_time(plan: Plan, effects: Sequence[Any]) -> Iterator[str]:
     events, running, _ = plan.monitors.compiled
-    observed = *plan.recording.recorded.values(), *events, *(one for one, _ in running)
+    observed = *plan.recording.recorded.values(), *events, *(monitor for monitor, _ in running)
     if plan.scheme is None:
         return
     for name, why in scalar_parts(plan.scheme.integrator, blank(effects), observed):
@@ -167,8 +167,8 @@ def _orbit_inside(effects: Effects) -> Iterator[str]:
             continue
         mu = float(np.median(effect.mu))
         nearest = float(np.min(effect.distance * (1.0 - effect.eccentricity)))
-        for name, (known, radius) in CENTRES.items():
-            if abs(mu / known - 1.0) < 0.02 and nearest < radius:
+        for name, (its_mu, radius) in CENTRES.items():
+            if abs(mu / its_mu - 1.0) < 0.02 and nearest < radius:
                 yield (
                     f"[effects.{label}] distance: {nearest:g} m from the centre is inside {name}, "
                     f"whose radius is {radius:g} m; distances are in m, from the centre"
@@ -199,13 +199,13 @@ def _not_turned(body: Body, effects: Effects, plan: Plan) -> Iterator[str]:
             )
     if body.frame == "principal":
         return
-    for label, one in label_observables(plan.recording.observables):
-        if not is_own(one) or hasattr(one, "in_body") or _turns_itself(type(one)):
+    for label, kind in label_observables(plan.recording.observables):
+        if not is_own(kind) or hasattr(kind, "in_body") or _turns_itself(type(kind)):
             continue
-        turns = bool(is_body_vector(one) or is_attitude(one))
-        if (used := _states_used(type(one))) and turns:
+        turns = bool(is_body_vector(kind) or is_attitude(kind))
+        if (used := _states_used(type(kind))) and turns:
             yield (
-                f"[observables.{label}] its values, with dims {one.dims}, are taken along the"
+                f"[observables.{label}] its values, with dims {kind.dims}, are taken along the"
                 " principal axes of each member and turned into the axes of the scene:"
                 ' in_body=("value",) declares that they are; in_body=() turns no value'
             )
@@ -226,20 +226,20 @@ _COMPILED = (
 
 def _compiled(cls: type) -> list[Callable[..., Any]]:
     """Return the functions of a class that run in compiled code."""
-    found = (getattr(cls, name, None) for name in _COMPILED)
-    return [one for one in found if inspect.isfunction(one)]
+    methods = (getattr(cls, name, None) for name in _COMPILED)
+    return [method for method in methods if inspect.isfunction(method)]
 
 
 def _states_used(cls: type) -> str:
     """Return which of q and l the compiled methods of a class take, as words; "" if none."""
-    taken = {name for one in _compiled(cls) for name in arguments(one)}
+    taken = {name for method in _compiled(cls) for name in arguments(method)}
     return " and ".join(name for name in ("q", "l") if name in taken)
 
 
 def _turns_itself(cls: type) -> bool:
     """Return whether a compiled method of a class turns states into the described axes."""
-    known = {"described", "described_attitude"}
-    return any(known & {*one.__code__.co_names} for one in _compiled(cls))
+    turning = {"described", "described_attitude"}
+    return any(turning & {*method.__code__.co_names} for method in _compiled(cls))
 
 
 def _degrees(effects: Effects) -> Iterator[str]:
@@ -262,7 +262,7 @@ def _no_mass(effects: Effects) -> Iterator[str]:
 
 def _hot(momentum: Any, seed: int, mass: Array, effects: Effects) -> Iterator[str]:
     """Find a kT given in K instead of J, for bodies small enough to respond to heat."""
-    heats = [(f"effects.{label}", one.kT) for label, one in effects if isinstance(one, Bath)]
+    heats = [(f"effects.{label}", bath.kT) for label, bath in effects if isinstance(bath, Bath)]
     if isinstance(momentum, GibbsMomentum):
         heats.append(("start", draw((momentum.kT,), seed, "start.momentum.kT", 0, FEW)))
     for table, heat in heats:

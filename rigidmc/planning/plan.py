@@ -147,13 +147,13 @@ class Plan(NamedTuple):
         their derivatives by parameter j.
         pilot : the first members, if they are already built
         """
-        known, first = (self.has_attitude, self.places.end), int(members[0])
+        shape, first = (self.has_attitude, self.places.end), int(members[0])
         if not np.array_equal(members, np.arange(first, first + members.size)):
-            block, start = initial_block_of(self.model, sampler, members, *known)
+            block, start = initial_block_of(self.model, sampler, members, *shape)
         elif pilot is not None and first + members.size <= pilot.block.shape[1]:
             block, start = pilot.part(self.model, first, members.size, self.places.end)
         else:
-            block, start = initial_block(self.model, sampler, first, members.size, *known)
+            block, start = initial_block(self.model, sampler, first, members.size, *shape)
         if self.has_axes:
             block[self.places.axes : self.places.end] = start["principal_axes"]
         if self.has_member_steps:
@@ -166,23 +166,23 @@ class Plan(NamedTuple):
     ) -> NDArray[np.float64]:
         """Return a block with the rows of its derivatives."""
         rows, count = block.shape
-        whole = allocate_block(rows * (1 + self.columns), count)
+        wide = allocate_block(rows * (1 + self.columns), count)
         axes = self.places.axes if self.has_axes else None
-        whole[:rows], whole[rows:] = block, 0.0
-        tangents = whole[rows : rows * (1 + len(self.wrt))].reshape(-1, rows, count)
+        wide[:rows], wide[rows:] = block, 0.0
+        tangents = wide[rows : rows * (1 + len(self.wrt))].reshape(-1, rows, count)
         at = self.model, sampler, members
         tangents_at_start(*at, self.wrt, tangents, self.has_attitude, axes)
-        return whole
+        return wide
 
     def with_kernels_of(self, other: "Plan") -> "Plan":
         """Return the plan with the derivatives that the kernels of another plan compute, if these
         serve its parameters; else itself."""
-        own, known = self.derivatives, other.derivatives
-        serve = known.of_body >= own.of_body and known.of_effects >= own.of_effects
-        if not (own.at_once and known.at_once and serve):
+        mine, others = self.derivatives, other.derivatives
+        serve = others.of_body >= mine.of_body and others.of_effects >= mine.of_effects
+        if not (mine.at_once and others.at_once and serve):
             return self
-        passes = math.ceil(len(self.wrt) / known.at_once)
-        return self._replace(derivatives=known._replace(passes=passes))
+        passes = math.ceil(len(self.wrt) / others.at_once)
+        return self._replace(derivatives=others._replace(passes=passes))
 
     def bounds(self) -> dict[str, float]:
         """Return the finite limits among those a scene may set, under their names in the scene."""
@@ -228,30 +228,30 @@ def make_plan(
     """
     effects, is_closed = model.effects, run.integrator == "closed"
     steps = _steps(effects, run, pilot.block)
-    found, mean = steps.grid, steps.mean_steps
+    grid, mean = steps.grid, steps.mean_steps
     scheme, rate, spin = (
-        (None, None, 0.0) if is_closed else make_scheme(kind, model, run, pilot.block, found.dt)
+        (None, None, 0.0) if is_closed else make_scheme(kind, model, run, pilot.block, grid.dt)
     )
     if scheme and monitors.of_noise:
         scheme = scheme._replace(integrator=ScoredLangevin(scheme.integrator))
-    notes = found.notes + _step_notes(kind, steps)
+    notes = grid.notes + _step_notes(kind, steps)
     # torques may raise a member's turn to theta
     reach = steps.theta if effects else steps.angle
-    notes += monitor_notes(effects, monitors, reach, found.dt, run.turn is not None)
+    notes += monitor_notes(effects, monitors, reach, grid.dt, run.turn is not None)
     if steps.has_member_steps and (driving := driving_effects(effects)):
         rule = (
             f"steps follow the spin at the start, but {', '.join(driving)} may spin members up; a "
             f"member that turns by {SPUN_UP:g} times as much in a step is flagged"
         )
         notes += (f"[run] turn = {run.turn:g}: {rule}; a fixed dt ignores the start",)
-    own = [pair for pair in monitors.of_running if wrt and is_own(pair[1])]
-    if lost := [label for label, one in own if not outputs_with_derivatives(label, one)]:
+    custom = [pair for pair in monitors.of_running if wrt and is_own(pair[1])]
+    if lost := [label for label, one in custom if not outputs_with_derivatives(label, one)]:
         rule = "its method `results` uses functions that have none"
         notes += (f"[run] wrt: {', '.join(lost)} has no derivatives: {rule}",)
-    if not found.listed and (saves := found.steps // found.stride) > MOST_SAVES:
+    if not grid.listed and (saves := grid.steps // grid.stride) > MOST_SAVES:
         rule = f"{saves:,} saves exceed the limit of {MOST_SAVES:,}"
         raise SceneError(rule, at="run.every", value=run.every)
-    if found.is_shortened:
+    if grid.is_shortened:
         _refuse_counts(monitors, "run.every", run.every, f"does not divide t_end = {run.t_end:g} s")
     for name, time in switching_parameters(effects)[:1]:
         _refuse_counts(monitors, name, time, "is a switching time")
@@ -265,7 +265,7 @@ def make_plan(
         run=run,
         kind=kind,
         recording=recording,
-        grid=found,
+        grid=grid,
         has_member_steps=steps.has_member_steps,
         mean_steps=mean,
         scheme=scheme,
@@ -316,8 +316,8 @@ def _refuse_counts(monitors: Monitors, at: str, value: Any, why: str) -> None:
     """
     if monitors.of_noise:
         raise SceneError(f"{why}, and noise_score needs steps of equal length", at=at, value=value)
-    for label, one in monitors.of_running:
-        if counts_steps(one):
+    for label, monitor in monitors.of_running:
+        if counts_steps(monitor):
             is_last = at == "run.every"
             rule = (
                 f"{why}, and {'the last steps' if is_last else 'steps around it'} are shorter: "

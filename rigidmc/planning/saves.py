@@ -129,11 +129,11 @@ def turning_rates(moments: Array, l: Array, by: Drive) -> Turning:
     rotor = by.rotor if by.rotor.shape[1] in (1, l.shape[-1]) else by.rotor.max(1, keepdims=True)
     with np.errstate(all="ignore"):
         inverse = 1.0 / moments
-        omega, whole = inverse * l, l + rotor
+        omega, total = inverse * l, l + rotor
         square, spin = l * l, np.sqrt((omega * omega).sum(-2))
         if rotor.any():
-            c = omega * omega + whole * omega * inverse + whole**2 * inverse.prod(0) * moments
-            free = np.sqrt(np.abs(c.sum(-2) - (whole * omega).sum(-2) * inverse.sum(0)))
+            c = omega * omega + total * omega * inverse + total**2 * inverse.prod(0) * moments
+            free = np.sqrt(np.abs(c.sum(-2) - (total * omega).sum(-2) * inverse.sum(0)))
         else:
             gaps = inverse - np.roll(inverse, -1, 0)
             products = square * (-gaps * np.roll(gaps, 1, 0))
@@ -239,15 +239,15 @@ def sparse_saves(model: Model, run: Run) -> tuple[str, Sparse] | None:
     Returns (quantity, Sparse), or None if lines through the saves show the motion, or if there are
     only two saves.
     """
-    found = []
+    turned = []
     between = longest_interval(run)
     if 2.0 * between > run.t_end:
         return None
     turns = turning_at_start(model, run)
     for name in run.save:
-        if name in KINDS and (one := sparse(getattr(turns, KINDS[name]), between)):
-            found.append((name, one))
-    return max(found, key=lambda pair: pair[1].angle, default=None)
+        if name in KINDS and (gap := sparse(getattr(turns, KINDS[name]), between)):
+            turned.append((name, gap))
+    return max(turned, key=lambda pair: pair[1].angle, default=None)
 
 
 FEW_MEMBERS = 20  # of a run that is plotted member by member
@@ -292,20 +292,20 @@ def save_to_plot(scene: Scene, recording: Recording, members: int, parameters: i
         return scene
     if not 0 < members <= FEW_MEMBERS or words != {"full"}:
         return scene
-    rows = max(one.stop for one in value_rows(recording.recorded, len(scene.effects)).values())
+    rows = max(place.stop for place in value_rows(recording.recorded, len(scene.effects)).values())
     numbers = rows * (1 + parameters)
     angle = run.t_end * shown_rate(scene.model, run)
     count = max(POINTS, math.ceil(PER_TURN * angle / (2.0 * math.pi)))
     count = min(count, MOST_POINTS, int(MOST_BYTES / (8 * members * numbers)))
-    known = None if run.integrator == "closed" else make_time_grid(run.t_end, run.dt, None)
-    if known is not None:
-        count = min(count, known.steps)
+    grid = None if run.integrator == "closed" else make_time_grid(run.t_end, run.dt, None)
+    if grid is not None:
+        count = min(count, grid.steps)
     if count < 2 or angle > MOST * count:
         return scene
     every = _even(run, count)
-    if known is not None:
+    if grid is not None:
         made = make_time_grid(run.t_end, run.dt, every)
-        if (made.steps, made.dt, made.is_shortened) != (known.steps, known.dt, False):
+        if (made.steps, made.dt, made.is_shortened) != (grid.steps, grid.dt, False):
             return scene
     return scene.with_run(every=every)
 
@@ -325,7 +325,7 @@ def _even(run: Run, count: int) -> float:
     if count >= grid.steps:
         return run.t_end / count
     most = min(2 * count, grid.steps)
-    whole = next((n for n in range(count, most + 1) if grid.steps % n == 0), None)
-    if whole is not None:
-        return run.t_end / whole
+    dividing = next((n for n in range(count, most + 1) if grid.steps % n == 0), None)
+    if dividing is not None:
+        return run.t_end / dividing
     return grid.dt * min(grid.steps // count, LONGEST_STRIDE)

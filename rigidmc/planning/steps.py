@@ -191,17 +191,17 @@ def make_time_grid(t_end: float, dt: float, every: SaveTimes | None) -> TimeGrid
     for key, length in (("dt", dt), ("every", every)):
         if isinstance(length, (int, float)):
             _refuse_many(end / Fraction(repr(length)), key, length, t_end)
-    found = _saved_once(end, step, t_end)
+    grid = _saved_once(end, step, t_end)
     if isinstance(every, tuple):
-        found = _listed(end, step, every, t_end)
+        grid = _listed(end, step, every, t_end)
     elif every is not None and every < t_end:
-        found = _even(end, step, every, t_end) or _with_rest(end, step, every)
-    _refuse_many(found.steps, "dt", dt, t_end)
-    if abs(found.dt / dt - 1) < 0.01:  # errors grow as dt^4: by less than 4 %; `show` names the dt
-        return found
-    whole = "every" if found.is_shortened else "t_end and every"
-    note = f"dt reduced from {dt:g} to {found.dt:.10g} s, which divides {whole}"
-    return found._replace(notes=(note,))
+        grid = _even(end, step, every, t_end) or _with_rest(end, step, every)
+    _refuse_many(grid.steps, "dt", dt, t_end)
+    if abs(grid.dt / dt - 1) < 0.01:  # errors grow as dt^4: by less than 4 %; `show` names the dt
+        return grid
+    divided = "every" if grid.is_shortened else "t_end and every"
+    note = f"dt reduced from {dt:g} to {grid.dt:.10g} s, which divides {divided}"
+    return grid._replace(notes=(note,))
 
 
 def _saved_once(end: Fraction, step: Fraction, t_end: float) -> TimeGrid:
@@ -278,11 +278,11 @@ def _off_steps(times: Sequence[float], dt: float, most: int) -> SceneError:
 def _with_rest(end: Fraction, step: Fraction, every: float) -> TimeGrid:
     """Return the TimeGrid with a last interval that is shorter than the others."""
     between = Fraction(repr(every))
-    whole = end // between
+    intervals = end // between
     stride = _count(between / step)
-    dt, rest = every / stride, end - whole * between
+    dt, rest = every / stride, end - intervals * between
     last = _count(rest / Fraction(repr(dt)))
-    return TimeGrid(whole * stride + last, dt, stride, whole * stride, float(rest / last))
+    return TimeGrid(intervals * stride + last, dt, stride, intervals * stride, float(rest / last))
 
 
 def _count(steps: Fraction) -> int:
@@ -308,13 +308,13 @@ def round_grid(t_end: float, every: SaveTimes | None) -> TimeGrid:
     every = settled(every)
     if isinstance(every, tuple):
         gaps = np.diff([0.0, *(t for t in every if t < t_end), t_end])
-        found = make_time_grid(t_end, float(gaps[gaps > 0.0].min()), every)
-        return found._replace(notes=())
+        grid = make_time_grid(t_end, float(gaps[gaps > 0.0].min()), every)
+        return grid._replace(notes=())
     if every is None or every >= t_end:
         return TimeGrid(1, t_end, 1, 1, t_end)
-    found = make_time_grid(t_end, every, every)
-    if not found.is_shortened:
-        return found._replace(notes=())
+    grid = make_time_grid(t_end, every, every)
+    if not grid.is_shortened:
+        return grid._replace(notes=())
     end, between = Fraction(repr(t_end)), Fraction(repr(every))
     parts = next(
         m for m in range(1, 21) if -(-end * m // between) * between / m <= end * (1 + WASTE)

@@ -93,11 +93,11 @@ def marked_model(model: Model, names: Sequence[str]) -> Model:
         for path, rate in seeds:
             rates.setdefault(path, {})[j] = rate
     # methods last, so that they belong to parts whose fields are marked
-    for path, given in sorted(rates.items(), key=lambda one: one[0][-1] in SAMPLING):
+    for path, by_parameter in sorted(rates.items(), key=lambda item: item[0][-1] in SAMPLING):
         value: Any = model
         for key in path:
             value = value[key] if isinstance(key, int) else getattr(value, key)
-        model = _put(model, path, _marked(value, given, len(names)))
+        model = _put(model, path, _marked(value, by_parameter, len(names)))
     return model
 
 
@@ -116,10 +116,10 @@ def _marked(quantity: Any, rates: dict[int, Rate], parameters: int) -> Any:
 
 
 def _with_own_components(
-    sample: Any, rates: dict[int, Rate], parameters: int, *given: Any
+    sample: Any, rates: dict[int, Rate], parameters: int, *arguments: Any
 ) -> DualArray:
     """Return drawn vectors with the tangents of their own components."""
-    vectors = sample(*given)
+    vectors = sample(*arguments)
     unit = zeros(vectors.shape, parameters)
     for j, rate in rates.items():
         unit.tangents[j] = rate(Drawn(plain(vectors), None, 0, 0))
@@ -128,16 +128,16 @@ def _with_own_components(
     return DualArray(plain(vectors), unit.tangents)
 
 
-def _put(whole: Any, path: Path, value: Any) -> Any:
+def _put(part: Any, path: Path, value: Any) -> Any:
     """Return a model, a part of it or a tuple with one value replaced, without its checks."""
     if not path:
         return value
     key, *rest = path
     if isinstance(key, int):
-        return (*whole[:key], _put(whole[key], tuple(rest), value), *whole[key + 1 :])
-    new = _put(getattr(whole, key), tuple(rest), value)
-    if hasattr(whole, "_replace"):
-        return whole._replace(**{key: new})
-    changed = copy.copy(whole)
+        return (*part[:key], _put(part[key], tuple(rest), value), *part[key + 1 :])
+    new = _put(getattr(part, key), tuple(rest), value)
+    if hasattr(part, "_replace"):
+        return part._replace(**{key: new})
+    changed = copy.copy(part)
     object.__setattr__(changed, key, new)
     return changed

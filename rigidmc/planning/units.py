@@ -55,13 +55,13 @@ def scale_scene(scene: Scene, mass: float = 1.0, length: float = 1.0, time: floa
     effect does not declare the units of its parameters.
     """
     observables = tuple(
-        one._replace(
+        kind._replace(
             **{
-                name: getattr(one, name) * unit_factor(unit, mass, length, time)
-                for name, unit in getattr(one, "parameter_units", {}).items()
+                name: getattr(kind, name) * unit_factor(unit, mass, length, time)
+                for name, unit in getattr(kind, "parameter_units", {}).items()
             }
         )
-        for one in scene.observables
+        for kind in scene.observables
     )
     model = scale_model(scene.model, mass, length, time)
     run = scale_run(scene.run, time)
@@ -72,12 +72,15 @@ def scale_model(model: Model, mass: float, length: float, time: float) -> Model:
     """Return what moves with all masses, lengths and times multiplied, as in `scale_scene`."""
     effects = _scaled_effects(model.effects, mass, length, time)
     inertia = mass * length**2
-    distribution = model.body.moments
-    whole = isinstance(distribution, TensorDistribution)
+    moments = model.body.moments
+    if isinstance(moments, TensorDistribution):
+        moments = moments.resized(mass, length)
+    else:
+        moments = _sized(moments, inertia, 1.0)
     stated = model.body.stated
     body = replace(
         model.body,
-        moments=distribution.resized(mass, length) if whole else _sized(distribution, inertia, 1.0),
+        moments=moments,
         mass=_times(model.body.mass, mass),
         centre=tuple(_times(x, length) for x in model.body.centre),
         stated=stated.scaled(mass, length) if isinstance(stated, Stated) else stated,
@@ -192,8 +195,8 @@ def choose_units(scene: Scene) -> UnitScale | None:
 def _spin_exponents(scene: Scene, moments: Any, sampler: Source) -> list[int]:
     """Return the exponents of the non-zero components of the first member's omega [rad/s]."""
     word = "omega" if scene.start.momentum is None else "momentum"
-    whole = isinstance(getattr(scene.start, word), VectorDistribution)
-    if whole or word in scene.start.relative_to_orbit:  # it may depend on the energy or the orbit
+    joint = isinstance(getattr(scene.start, word), VectorDistribution)
+    if joint or word in scene.start.relative_to_orbit:  # it may depend on the energy or the orbit
         _, start = initial_block(scene.model, sampler, 0, 1)
         spin = start[f"start_{word}"]
     else:

@@ -66,14 +66,14 @@ def _by_components(
     ds: xr.Dataset, name: str, dim: str, turn: Callable[[Any, Any], tuple[Any, ...]]
 ) -> xr.DataArray:
     """Apply a function of (components, components of a), with dimensions kept in their order."""
-    given = ds[name]
+    variable = ds[name]
 
     def turned(v: Any, a: Any) -> Any:
         parts = turn(tuple(np.moveaxis(v, -1, 0)), tuple(np.moveaxis(a, -1, 0)))
         return np.stack(np.broadcast_arrays(*parts), -1)
 
-    found = apply_lazily(turned, [(given, [dim]), (ds.principal_axes, ["quat"])], [dim])
+    made = apply_lazily(turned, [(variable, [dim]), (ds.principal_axes, ["quat"])], [dim])
     # a vector that all members share differs between them in other axes
-    dims = [*given.dims, *(d for d in found.dims if d not in given.dims)]
-    found = found.transpose(*dims).assign_coords(given.coords)
-    return found.rename(given.name).assign_attrs(given.attrs)
+    dims = [*variable.dims, *(d for d in made.dims if d not in variable.dims)]
+    made = made.transpose(*dims).assign_coords(variable.coords)
+    return made.rename(variable.name).assign_attrs(variable.attrs)

@@ -122,9 +122,9 @@ def in_degrees(values: Any, units: str) -> tuple[Any, str]:
 def with_degrees(dataset: "xr.Dataset", *names: str) -> "xr.Dataset":
     """Return a Dataset with some variables as pictures show them, see `in_degrees`."""
     for name in names:
-        one = dataset[name]
-        values, units = in_degrees(one.values, _units(one))
-        new = {name: (one.dims, values, {**one.attrs, "units": units})}
+        variable = dataset[name]
+        values, units = in_degrees(variable.values, _units(variable))
+        new = {name: (variable.dims, values, {**variable.attrs, "units": units})}
         dataset = dataset.assign_coords(new) if name in dataset.coords else dataset.assign(new)
     return dataset
 

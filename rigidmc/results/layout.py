@@ -174,16 +174,16 @@ class ResultLayout(NamedTuple):
         Values are (time, component, member), derivatives (parameter, time, component, member);
         scalars have no components.
         """
-        found = {}
+        views = {}
         for name, rows in self.saved.items():
             dims = self.recording.observable(name).dims
-            found[name] = saves[:, rows if dims else rows.start, 0]
+            views[name] = saves[:, rows if dims else rows.start, 0]
             if self.axes.parameters:
                 turns = dims == ROTATED  # three numbers in place of four
                 some = slice(rows.start, rows.start + 3) if turns else rows if dims else rows.start
                 columns = slice(1, 1 + len(self.axes.parameters))
-                found[derivative_name(name)] = np.moveaxis(saves[:, some, columns], -2, 0)
-        return found
+                views[derivative_name(name)] = np.moveaxis(saves[:, some, columns], -2, 0)
+        return views
 
     @property
     def variables(self) -> dict[str, Variable]:
@@ -207,8 +207,8 @@ class ResultLayout(NamedTuple):
 
     def text(self) -> str:
         """Return the scene as TOML text."""
-        own = {name: value for name, value in self.settings.items() if value is not None}
-        return self.scene.dumps(with_changes(self.scene.run, own))
+        settings = {name: value for name, value in self.settings.items() if value is not None}
+        return self.scene.dumps(with_changes(self.scene.run, settings))
 
     def is_rounded(self, name: str) -> bool:
         """Whether files round a variable to a number of digits. They round saves over time, but

@@ -12,23 +12,23 @@ Dims = Sequence[str]
 
 def apply_lazily(
     function: Callable[..., Any],
-    given: Sequence[tuple[xr.DataArray, Dims]],
+    arguments: Sequence[tuple[xr.DataArray, Dims]],
     out: Dims = (),
     sizes: Mapping[str, int] = MappingProxyType({}),
 ) -> xr.DataArray:
     """Apply a function of arrays to DataArrays.
 
-    given : a (DataArray, its last dimensions) for each argument of the function
+    arguments : a (DataArray, its last dimensions) for each argument of the function
     out : last dimensions of the result;  sizes : {dimension: size} of new dimensions
 
     With dask, lazy variables stay lazy, and dask computes them block by block on demand; without
     dask, the function runs now.
     """
-    arrays = [_lazy(array) for array, _ in given]
+    arrays = [_lazy(array) for array, _ in arguments]
     made: xr.DataArray = xr.apply_ufunc(
         function,
         *arrays,
-        input_core_dims=[list(dims) for _, dims in given],
+        input_core_dims=[list(dims) for _, dims in arguments],
         output_core_dims=[list(out)],
         dask="parallelized",
         output_dtypes=[float],

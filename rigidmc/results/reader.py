@@ -81,8 +81,8 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
 
 def _added(dataset: xr.Dataset, name: str) -> xr.Variable:
     """Decode a variable that a user added to a result, as xarray does."""
-    whole = xr.Dataset({name: dataset.variables[name]})
-    decoded = xr.decode_cf(whole, decode_timedelta=False)
+    alone = xr.Dataset({name: dataset.variables[name]})
+    decoded = xr.decode_cf(alone, decode_timedelta=False)
     variable: xr.Variable = decoded.variables[name]
     return variable
 
@@ -98,12 +98,12 @@ def check_result(dataset: xr.Dataset, path: str) -> tuple[xr.Dataset, list[str]]
     for name in ("member", "time"):
         if name not in dataset.variables or dataset.sizes.get(name, 0) < 1:
             raise FileError("is missing or empty; a result has at least one", at=name)
-    axes, known, needed = _layout(scene, dataset)
+    axes, variables, needed = _layout(scene, dataset)
     sizes, expected = axes.lengths(0), axes.coordinates()
     for name in needed:
         if name not in dataset.variables:
             raise FileError("is missing; every result of this scene has it", at=name)
-    for name, (dims, dtype, attrs) in known.items():
+    for name, (dims, dtype, attrs) in variables.items():
         if name in dataset.variables:
             _refuse_unlike(dataset[name], dims, np.dtype(dtype), attrs, sizes)
     for name, (dims, values, attrs) in expected.items():
@@ -112,18 +112,18 @@ def check_result(dataset: xr.Dataset, path: str) -> tuple[xr.Dataset, list[str]]
     _refuse_members(dataset, scene.run)
     _refuse_attributes(dataset.attrs, scene.run)
     strange = [
-        str(name) for name in dataset.variables if name not in known and name not in expected
+        str(name) for name in dataset.variables if name not in variables and name not in expected
     ]
     # the values of text coordinates are known: read no text from the file
     words = [name for name, (_, values, _) in expected.items() if values.dtype.kind == "U"]
     result = dataset.drop_vars([*strange, *(name for name in words if name in dataset.variables)])
     result = result.assign_coords({name: expected[name] for name in words})
     # in the order of the scene; zarr sorts them by name
-    ordered = {name: result.variables[name] for name in known if name in result.variables}
+    ordered = {name: result.variables[name] for name in variables if name in result.variables}
     result = xr.Dataset(ordered, result.coords, result.attrs)
     for key, variable in result.variables.items():
         name = str(key)
-        attrs = expected[name][2] if name in expected else known[name].attrs
+        attrs = expected[name][2] if name in expected else variables[name].attrs
         trusted = ("units", "significant_digits")
         variable.attrs = {k: variable.attrs[k] for k in trusted if k in variable.attrs} | attrs
     return result, strange
@@ -154,11 +154,11 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
         if hasattr(effect, "stand_in")
     ]
     # only the code defines the units of their parameters
-    own = tuple(f"effects.{label}." for label, _ in opaque)
+    of_opaque = tuple(f"effects.{label}." for label, _ in opaque)
     parameters = parameters_of_run(model, run.wrt)
     bins = tuple(
-        (f"{label}_bin", one.edges(), _units(recorded, one.name, f"{label}_bin", dataset))
-        for label, one in recorded.histograms
+        (f"{label}_bin", entry.edges(), _units(recorded, entry.name, f"{label}_bin", dataset))
+        for label, entry in recorded.histograms
     )
     axes = Axes(
         times=np.empty(dataset.sizes["time"]),
@@ -168,13 +168,13 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
         dims=dimensions(recorded.recorded, recorded.monitored),
         parameters=parameters,
         parameter_units=tuple(
-            "" if name.startswith(own) else unit
+            "" if name.startswith(of_opaque) else unit
             for name, unit in zip(parameters, units_at(model, parameters), strict=True)
         ),
     )
     groups = describe_variables(model, run, recorded, axes.parameter_units, True)
     always = member_variables(model, run, recorded, False)
-    known = always | {name: one for group in groups.values() for name, one in group.items()}
+    variables = always | {name: entry for group in groups.values() for name, entry in group.items()}
     if scene.body.inertia_key == "tensor":
         # only the code defines which vectors are turned into each body
         turned = {
@@ -183,34 +183,34 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[Axes, dict[str, Variable
             for name in effect._fields
             if (size := shape(effect, name)) in (3, 6)
         }
-        known = turned | known
+        variables = turned | variables
     for name in {
         f"{label}_{field}" for label, effect in opaque for field in effect._fields
-    } & known.keys():
+    } & variables.keys():
         # only the code defines the units
-        words = {"long_name": known[name].attrs["long_name"]}
-        known[name] = known[name]._replace(attrs=words)
+        words = {"long_name": variables[name].attrs["long_name"]}
+        variables[name] = variables[name]._replace(attrs=words)
     if any(map(is_opaque, scene.observables)):  # only the code defines their variables
-        known |= _of_opaque(dataset, known)
+        variables |= _of_opaque(dataset, variables)
     # only the code defines whether an effect has an energy; without one, mass and centre may be
     # missing
     free = (*("mass", "centre") * bool(opaque), *NEWER)
-    return axes, known, [name for name in always if name not in free]
+    return axes, variables, [name for name in always if name not in free]
 
 
 def _units(recorded: Recording, name: str, bins: str, dataset: xr.Dataset) -> str:
     """Return the units of an observable, from the bins of its histogram if its code is not run."""
-    given = dataset[bins].attrs.get("units", "") if bins in dataset.variables else ""
-    return recorded.observable(name).units or str(given)
+    units = dataset[bins].attrs.get("units", "") if bins in dataset.variables else ""
+    return recorded.observable(name).units or str(units)
 
 
-def _of_opaque(dataset: xr.Dataset, known: Mapping[str, Variable]) -> dict[str, Variable]:
+def _of_opaque(dataset: xr.Dataset, variables: Mapping[str, Variable]) -> dict[str, Variable]:
     """Return the variables by members that may belong to observables whose code is not run."""
     more = {}
     for name, variable in dataset.data_vars.items():
         dims = tuple(map(str, variable.dims))
         by_members = dims[-1:] in (("member",), ("flagged",)) and variable.dtype.kind == "f"
-        if name not in known and by_members and {*dims} <= {*DIMENSIONS, *_OVER}:
+        if name not in variables and by_members and {*dims} <= {*DIMENSIONS, *_OVER}:
             words = {k: str(variable.attrs.get(k, "")) for k in ("units", "long_name")}
             if variable.attrs.get(CENSORED) == FOLLOWED:
                 words[CENSORED] = FOLLOWED
@@ -229,8 +229,8 @@ def _refuse_unlike(
     for a packed variable."""
     name = str(variable.name)
     if variable.dims != tuple(dims):
-        given = ", ".join(map(str, variable.dims)) or "none"
-        raise FileError(f"has the dimensions {given}, expected {', '.join(dims)}", at=name)
+        text = ", ".join(map(str, variable.dims)) or "none"
+        raise FileError(f"has the dimensions {text}, expected {', '.join(dims)}", at=name)
     for dim in dims:
         size = None if dim in ("member", "flagged") else sizes[dim]
         if size is not None and variable.sizes[dim] != size:
@@ -290,23 +290,23 @@ def _refuse_attributes(attrs: dict[str, Any], run: Run) -> None:
     own_steps = run.turn is not None
     demanded |= {"turn": run.turn} if own_steps and "turn" in attrs else {"dt": run.dt}
     for name, value in demanded.items():
-        given = attrs.get(name, value)
+        stored = attrs.get(name, value)
         if (
-            not isinstance(given, (str, int, float, np.number))
-            or isinstance(given, str) != isinstance(value, str)
-            or given != value
+            not isinstance(stored, (str, int, float, np.number))
+            or isinstance(stored, str) != isinstance(value, str)
+            or stored != value
         ):
             raise FileError(
-                f"contradicts the scene, which has {value!r}", at=name, value=str(given)
+                f"contradicts the scene, which has {value!r}", at=name, value=str(stored)
             )
     attrs |= demanded
     steps = attrs.get("steps", 0)
-    whole = isinstance(steps, (int, np.integer))
-    if own_steps or run.integrator == "closed" or (whole and steps == 0):
+    is_whole = isinstance(steps, (int, np.integer))
+    if own_steps or run.integrator == "closed" or (is_whole and steps == 0):
         return
     # the last interval and its steps may be shorter; the number of steps is then rounded up
-    off = float(steps) * run.dt - run.t_end if whole else 0.0
+    off = float(steps) * run.dt - run.t_end if is_whole else 0.0
     most = run.dt if isinstance(run.every, float) and run.every < run.t_end else 0.0
-    if not whole or not -1e-6 * run.t_end < off < most + 1e-6 * run.t_end:
+    if not is_whole or not -1e-6 * run.t_end < off < most + 1e-6 * run.t_end:
         rule = f"steps of {run.dt:g} s do not add up to t_end = {run.t_end:g} s"
         raise FileError(rule, at="steps", value=str(steps))

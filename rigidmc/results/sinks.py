@@ -63,9 +63,9 @@ def concat_flagged(pieces: Iterable[Arrays]) -> Arrays:
     pieces = [piece for piece in pieces if piece]
     if not pieces:
         return {}
-    whole = {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in pieces[0]}
-    order = np.argsort(whole["flagged_member"])
-    return {name: values[..., order] for name, values in whole.items()}
+    both = {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in pieces[0]}
+    order = np.argsort(both["flagged_member"])
+    return {name: values[..., order] for name, values in both.items()}
 
 
 class HistogramCounts:
@@ -82,10 +82,10 @@ class HistogramCounts:
         if healthy.all():
             healthy = slice(None)  # copies nothing
         counts = {}
-        for label, one in self.histograms:
-            values = parts[one.name][..., : job.size]
-            values = values[:, one.component] if values.ndim == 3 else values
-            counts[label] = one.counts(values[:, healthy])
+        for label, histogram in self.histograms:
+            values = parts[histogram.name][..., : job.size]
+            values = values[:, histogram.component] if values.ndim == 3 else values
+            counts[label] = histogram.counts(values[:, healthy])
         return counts
 
     def add(self, counts: Arrays) -> None:
@@ -165,10 +165,10 @@ class MemorySink(Sink):
         blank : see `Blanks`
         """
         self.layout, self.members, self.more, self.blank = layout, members, more, blank
-        known = layout.recording
-        self.counts, self.flagged = HistogramCounts(known.histograms), list[Arrays]()
-        all_kept = set(known.retained.values()) <= {"full"}
-        self.direct = direct and tuple(known.recorded) == known.names and all_kept
+        recording = layout.recording
+        self.counts, self.flagged = HistogramCounts(recording.histograms), list[Arrays]()
+        all_kept = set(recording.retained.values()) <= {"full"}
+        self.direct = direct and tuple(recording.recorded) == recording.names and all_kept
         self.width = whole_lanes(members.size)
         size = layout.numbers * self.width if self.direct else 0
         self.out = allocate_aligned(size, float, np.empty)

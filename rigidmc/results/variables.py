@@ -83,7 +83,7 @@ def derivative_variables(
     The derivative of an attitude q is the vector of the rotation in body axes, 2 vec(q* dq/dp),
     with q* the conjugate of q.
     """
-    found: dict[str, Variable] = {}
+    derivatives: dict[str, Variable] = {}
     for name, (dims, dtype, attrs) in variables.items() if parameter_units else ():
         if dtype != "f8":  # labels and indices have no derivative
             continue
@@ -94,8 +94,8 @@ def derivative_variables(
         about = {"units": derivative_units(units, parameter_units), "long_name": text}
         if "" in parameter_units:
             del about["units"]
-        found[derivative_name(name)] = Variable(("parameter", *dims), "f8", about)
-    return found
+        derivatives[derivative_name(name)] = Variable(("parameter", *dims), "f8", about)
+    return derivatives
 
 
 def member_derivatives(
@@ -131,9 +131,9 @@ def flagged_variables(recording: Recording) -> dict[str, Variable]:
 def ensemble_variables(recording: Recording) -> dict[str, Variable]:
     """Return the variables of the whole ensemble."""
     variables = {}
-    for label, one in recording.histograms:
-        component = f", component {one.component + 1}" if one.of.endswith("]") else ""
-        text = f"members by {title(recording.observable(one.name))}{component}"
+    for label, histogram in recording.histograms:
+        component = f", component {histogram.component + 1}" if histogram.of.endswith("]") else ""
+        text = f"members by {title(recording.observable(histogram.name))}{component}"
         about = {"units": "1", "long_name": text}
         variables[label] = Variable(("time", f"{label}_bin"), "i8", about)
         for word in ("below", "above"):
@@ -162,10 +162,10 @@ def member_variables(
                 units = facts(effect).units.get(name, "1")
                 variables[f"{label}_{name}"] = parameter_variable(label, name, size, units, axes)
     lags: dict[str, float] = {}
-    for label, one in recording.monitored:
-        lags |= (times := event_times(label, one))
-        for name, (units, text, dims) in outputs(label, one).items():
-            more = _censored(name, times) | _method_of(one)
+    for label, kind in recording.monitored:
+        lags |= (times := event_times(label, kind))
+        for name, (units, text, dims) in outputs(label, kind).items():
+            more = _censored(name, times) | _method_of(kind)
             variables[name] = _by_member(text, units, dims, **more)
     if lags:
         variables[FOLLOWED] = _by_member(_FOLLOWED, "s")
@@ -215,9 +215,9 @@ def _censored(name: str, lags: Mapping[str, float]) -> dict[str, Any]:
 METHOD = "method"
 
 
-def _method_of(one: Any) -> dict[str, Any]:
+def _method_of(kind: Any) -> dict[str, Any]:
     """Return the attribute METHOD of the results of an observable over all steps, if it has one."""
-    return {METHOD: one.growth_method} if isinstance(one, Growth) else {}
+    return {METHOD: kind.growth_method} if isinstance(kind, Growth) else {}
 
 
 def is_turned(body: Body, effect: Effect, name: str) -> bool:

@@ -75,12 +75,12 @@ class Writer:
         self._file.set_fill_off()
         self.variables = variables = self.layout.variables
         # indices are written together with the members, to save memory
-        known = self.layout.axes.coordinates()
+        coordinates = self.layout.axes.coordinates()
         sizes = self.layout.axes.lengths(self.members.size)
-        used = [dim for dims, *_ in (*known.values(), *variables.values()) for dim in dims]
+        used = [dim for dims, *_ in (*coordinates.values(), *variables.values()) for dim in dims]
         for dim in dict.fromkeys(used):
             self._file.createDimension(dim, sizes[dim])
-        for name, (dims, values, about) in known.items():
+        for name, (dims, values, about) in coordinates.items():
             self._define_coordinate(name, dims, values, about)
         for name, variable in variables.items():
             self._define(name, variable, sizes)

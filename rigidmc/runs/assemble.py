@@ -27,14 +27,16 @@ from rigidmc.scene.scene import Scene
 def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
     """Return the layout of a result, in the units of the scene."""
     model, run, grid = scene.model, scene.run, plan.grid
-    own = plan.has_member_steps
+    own_steps = plan.has_member_steps
     # a selection of the result has rows of its own members only, so store every choice that
     # depended on all members
-    settings: dict[str, Any] = {} if own else {"dt": grid.dt}
+    settings: dict[str, Any] = {} if own_steps else {"dt": grid.dt}
     if run.varied or count_rows(*model.quantities()) is not None:
         settings |= {"turn_rate": plan.turn_rate, **plan.bounds()}
-    steps: dict[str, Any] = {"turn": run.turn} if own else {"dt": grid.dt, "steps": grid.steps}
-    if grid.is_shortened and not own:
+    steps: dict[str, Any] = {"dt": grid.dt, "steps": grid.steps}
+    if own_steps:
+        steps = {"turn": run.turn}
+    elif grid.is_shortened:
         steps |= {"last_steps": grid.steps - grid.head, "last_dt": grid.last_dt}
     facts = {
         **steps,
@@ -113,8 +115,8 @@ def make_program(
             running, growth, plan.nodes, plan.paired,
             plan.grid.is_shortened or plan.has_switches, plan.has_axes, derivatives,
         )  # fmt: skip
-        found: Program = kind(spec, ask=not compiled, meanwhile=_import_xarray)
-        return found
+        program: Program = kind(spec, ask=not compiled, meanwhile=_import_xarray)
+        return program
     except NumbaError as error:
         raise compilation_error(error, effects, plan.recording.observables) from error
 

@@ -204,7 +204,7 @@ def _results(job: BlockJob, run: SettledRun) -> Arrays:
     # one clock for all members saves a pass over them for each operation
     each = rows[layout.STEPS] if plan.has_member_steps or plan.monitors.labelled else 1.0
     made, clock = plan.grid.steps * each, plan.grid.clock.of(each)
-    stops = any(one.stop for _, one in plan.monitors.of_events)
+    stops = any(event.stop for _, event in plan.monitors.of_events)
     law = drift_laws(plan.conserved, plan.kind.is_reversible, stops, rows, made, plan.run.dtype)
     if flagged.any():
         step, time = np.where(flagged, fault, step), np.where(flagged, clock.time(fault), time)
@@ -233,14 +233,14 @@ def _differentiated(rows: Array, plan: Plan) -> Any:
     return DualArray(rows[:end], tangents)
 
 
-def _with_changes(found: dict[str, Any]) -> Arrays:
+def _with_changes(monitored: dict[str, Any]) -> Arrays:
     """Return results as plain arrays, and their derivatives as d_NAME, nan where the value is."""
     changes = {
         derivative_name(name): np.where(np.isnan(x.value), np.nan, x.tangents)
-        for name, x in found.items()
+        for name, x in monitored.items()
         if isinstance(x, DualArray)
     }
-    return {**{name: plain(x) for name, x in found.items()}, **changes}
+    return {**{name: plain(x) for name, x in monitored.items()}, **changes}
 
 
 def _saves_of(job: BlockJob, result: ResultLayout) -> Array:
@@ -294,25 +294,25 @@ def add_derivatives_by_end(plan: Plan, rows: Array, saves: Array) -> None:
     """
     column, places = 1 + plan.wrt.index(END), plan.places
     moves = (rows[layout.STATUS] == 0.0) & ~_stopped(plan, rows)
-    found, now, rates = _rates(plan, rows)
-    saves[-1, :, column] = np.where(moves, found, 0.0)
+    saved, now, rates = _rates(plan, rows)
+    saves[-1, :, column] = np.where(moves, saved, 0.0)
     each, time = rows[layout.STEPS], plan.grid.end
     made = plan.grid.steps * each
     steps = plan.grid.clock.of(each).weighed(made, made)
     begins, changes = places.running, rows[column * places.end :]
-    for one, marks in plan.monitors.running:
+    for monitor, marks in plan.monitors.running:
         at = slice(begins, begins := begins + len(marks))
         some = slice(at.start - places.running, at.stop - places.running)
-        seen = 2.0 * plan.nodes * steps if plan.nodes and is_time_average(one) else steps
-        change = one.lengthened(rows[at], now[some], rates[some], time, seen)
+        seen = 2.0 * plan.nodes * steps if plan.nodes and is_time_average(monitor) else steps
+        change = monitor.lengthened(rows[at], now[some], rates[some], time, seen)
         changes[at] = np.where(moves, change, 0.0)
 
 
 def _stopped(plan: Plan, rows: Array) -> NDArray[np.bool_]:
     """Return which members an event has stopped."""
     stopped = np.zeros(rows.shape[1], bool)
-    for i, (_, one) in enumerate(plan.monitors.of_events):
-        if one.stop:
+    for i, (_, event) in enumerate(plan.monitors.of_events):
+        if event.stop:
             stopped |= rows[plan.places.events + layout.EVENT_ROWS * i + layout.COUNT] > 0.0
     return stopped
 
@@ -330,7 +330,7 @@ def _rates(plan: Plan, rows: Array) -> tuple[Array, Array, Array]:
         axes = with_axes(_BODY, tuple(rows[places.axes : places.end])).axes
     fixed = (
         tuple(plan.recording.recorded.values()),
-        tuple(one for one, _ in plan.monitors.running),
+        tuple(monitor for monitor, _ in plan.monitors.running),
         plan.works,
     )
     columns = [
@@ -343,8 +343,8 @@ def _rates(plan: Plan, rows: Array) -> tuple[Array, Array, Array]:
     formula = RatesOfChange(body, blank(effects), *fixed, (0.0,) * 4, 0.0, (0.0,) * 4, momentum)
     values, marks = plan.values, sum(len(marks) for _, marks in plan.monitors.running)
     width = values + 2 * marks
-    found = evaluate(formula, width, np.stack(np.broadcast_arrays(*columns)), threads=1)
-    return found[:values], found[values : values + marks], found[values + marks :]
+    evaluated = evaluate(formula, width, np.stack(np.broadcast_arrays(*columns)), threads=1)
+    return evaluated[:values], evaluated[values : values + marks], evaluated[values + marks :]
 
 
 _BODY = MassProperties(*[0.0] * BODY_NUMBERS)

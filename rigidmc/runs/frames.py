@@ -36,28 +36,28 @@ def frames(
     chosen_members(member, run, result, result.encoding.get("source", "the result"))
     if until is not None and until > end * (1.0 + 1e-9):
         raise OptionError(f"the run ends at {end:g} s", at="until", value=until)
-    own = _own_step(run, result, member)
-    whole = until is None or until >= end
-    if whole and run.turn is None and own is not None and own * count <= end:
-        if not make_time_grid(end, own, run.every).is_shortened:
+    step = _own_step(run, result, member)
+    to_end = until is None or until >= end
+    if to_end and run.turn is None and step is not None and step * count <= end:
+        if not make_time_grid(end, step, run.every).is_shortened:
             return _thinned(result, member, count, allow_code, run)
         if any(map(is_random, scene.effects)):  # only saves of the run end its own steps
             again = rerun(result, member, save=SAVE, allow_code=allow_code, wrt=())
             again.attrs["frames"] = "steps as in the run, at its saves"
             return again
-    return integrate_member(scene, member, count, end if whole or until is None else until, own)
+    return integrate_member(scene, member, count, end if to_end or until is None else until, step)
 
 
 def integrate_member(
-    scene: Scene, member: int, count: int, end: float, own: float | None
+    scene: Scene, member: int, count: int, end: float, step: float | None
 ) -> xr.Dataset:
     """Integrate a member, with attitude and momentum at `count` + 1 times from 0 to `end`.
 
-    own : the step of the run [s], used if it is short enough; None if the step is free
+    step : of the run [s], used if it is short enough; None if the step is free
     """
-    if own is not None and any(map(is_random, scene.effects)):
-        count = max(1, min(count, round(end / own)))
-    every, dt = end / count, own
+    if step is not None and any(map(is_random, scene.effects)):
+        count = max(1, min(count, round(end / step)))
+    every, dt = end / count, step
     if dt is None or dt > every * 1.5:
         dt = every
     settings = {
@@ -72,10 +72,10 @@ def integrate_member(
         "members": 1,
     }
     again = simulate(scene.with_run(**settings))
-    same = own is None or abs(again.attrs["dt"] / own - 1.0) < 1e-9
+    same = step is None or abs(again.attrs["dt"] / step - 1.0) < 1e-9
     words = "steps as in the run"
     if not same:
-        words = f"steps of {again.attrs['dt']:.4g} s instead of {own:.4g} s"
+        words = f"steps of {again.attrs['dt']:.4g} s instead of {step:.4g} s"
     again.attrs["frames"] = words
     return again
 

@@ -80,14 +80,14 @@ def mostly_flagged(result: "xr.Dataset") -> str:
     A few flagged members, such as the tail of a distribution, change no mean by much: `status`
     has them, and estimates leave them out.
     """
-    found = {k: n for k, n in result.encoding["rigidmc"]["flagged"].items() if n and k != "ok"}
-    count, members = sum(found.values()), result.sizes["member"]
+    flagged = {k: n for k, n in result.encoding["rigidmc"]["flagged"].items() if n and k != "ok"}
+    count, members = sum(flagged.values()), result.sizes["member"]
     if 2 * count <= members:
         return ""
     times = result["status_time"].values
     first, last = np.nanmin(times), np.nanmax(times)
     since = f"{first:.4g} s" if first == last else f"{first:.4g} to {last:.4g} s"
-    kinds = ", ".join(f"{n:,} {kind}" for kind, n in found.items())
+    kinds = ", ".join(f"{n:,} {kind}" for kind, n in flagged.items())
     who = f"all {members:,} members are" if count > 1 else "the member is"
     who = who if count == members else f"{count:,} of {members:,} members are"
     return (

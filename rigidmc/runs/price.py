@@ -50,7 +50,7 @@ def cost_per_step(
     """
     program, plan = run.program(device), run.plan
     assert program is not None, "closed forms make no steps"
-    on_device, own = is_gpu(device), int(plan.has_member_steps)
+    on_device, rounds = is_gpu(device), int(plan.has_member_steps)
     members = DEVICE_BLOCK if on_device else members
     noise = plan.noise(run.members.indices(run.members.first, members))
     staged, _ = run.initial(run.members.first, members)
@@ -59,10 +59,10 @@ def cost_per_step(
 
     def timed(steps: int) -> float:
         block = staged.copy()
-        if own:
+        if rounds:
             block[layout.STEPS] = steps
         began = time.perf_counter()
-        frame = StepRange(plan.grid.dt, steps if own else 1, steps, steps, own, 0, steps)
+        frame = StepRange(plan.grid.dt, steps if rounds else 1, steps, steps, rounds, 0, steps)
         program.advance(block, frame, noise, order)
         return time.perf_counter() - began
 
@@ -320,16 +320,16 @@ def prices(run: PreparedRun) -> tuple[float, Any, dict[str, Any], float, float]:
         assert part.scheme is not None
         return step_operations(part.scheme, part.model.effects, attitude)
 
-    free, none, whole = cost_per_step(some_of(run, ())), operations(()), operations(every)
+    free, none, complete = cost_per_step(some_of(run, ())), operations(()), operations(every)
     added = {
-        label: whole.less(operations(every[:i] + every[i + 1 :]))
+        label: complete.less(operations(every[:i] + every[i + 1 :]))
         for i, (label, _) in enumerate(label_effects(effects))
     }
     random, noise = tuple(i for i in every if is_random(effects[i])), 0.0
     if random:  # random numbers use integer operations, which are not counted
         counted = free * operations(random).slots / none.slots
         noise = max(0.0, cost_per_step(some_of(run, random)) - counted)
-    return free, none, added, noise, free * whole.slots / none.slots + noise
+    return free, none, added, noise, free * complete.slots / none.slots + noise
 
 
 def monitored_prices(rounds: int = 5) -> dict[str, dict[str, float]]:
@@ -379,7 +379,7 @@ def effect_prices() -> dict[str, Any]:
         return cost_per_step(prepare_scene(scene))
 
     gravity = EFFECTS["gravity"](1.0)
-    found: dict[str, Any] = {
+    costs: dict[str, Any] = {
         "free": cost(()),
         "with attitude": cost((), "attitude"),
         "with gravity": cost((gravity,)),
@@ -396,6 +396,6 @@ def effect_prices() -> dict[str, Any]:
         else:
             integrator, base = "rk8", "rk8"
         alone = cost((effect,), integrator=integrator)
-        beside = cost((gravity, effect), integrator=integrator) - found[base]
-        found[name] = torque_operations(effect), alone, beside
-    return found
+        beside = cost((gravity, effect), integrator=integrator) - costs[base]
+        costs[name] = torque_operations(effect), alone, beside
+    return costs

@@ -129,9 +129,9 @@ def chosen_members(member: int | range, run: Run, result: xr.Dataset, name: str)
     else:
         first = read_count(member, "member", 0)
         members = range(first, first + 1)
-    known = range(run.first, run.first + run.members)
-    if not members or members.step != 1 or members[0] not in known or members[-1] not in known:
-        rule = f"{name} has the members {known[0]} to {known[-1]}"
+    end = run.first + run.members
+    if not members or members.step != 1 or not run.first <= members[0] <= members[-1] < end:
+        rule = f"{name} has the members {run.first} to {end - 1}"
         raise OptionError(rule, at="member", value=member)
     with in_file(name):
         refuse_twice(result.member.values)
@@ -147,8 +147,8 @@ def _whole_steps(run: Run, every: SaveTimes | None) -> SaveTimes | None:
     free = run.turn is not None or run.integrator == "closed"
     if free or (isinstance(every, float) and every >= run.t_end):
         return every
-    known = make_time_grid(run.t_end, run.dt, run.every)
-    if known.is_shortened and every != run.every:
+    grid = make_time_grid(run.t_end, run.dt, run.every)
+    if grid.is_shortened and every != run.every:
         rule = (
             f"the last steps of this run are shorter, because its every = {run.every:.10g} s does"
             f" not divide t_end = {run.t_end:.10g} s: other saves would change the steps"
@@ -157,7 +157,7 @@ def _whole_steps(run: Run, every: SaveTimes | None) -> SaveTimes | None:
     if not isinstance(every, float):
         return every
     count = max(1, round(every / run.dt))
-    nearest = run.t_end * count / known.steps
+    nearest = run.t_end * count / grid.steps
     if every == run.every or abs(every / nearest - 1.0) < 1e-9:
         return every
     note = (
@@ -273,8 +273,8 @@ def _compared(again: xr.Dataset, result: xr.Dataset, scene: Scene, source: str) 
 
 def _other_method(again: xr.Dataset, result: xr.Dataset, name: str) -> bool:
     """Return whether both results have a variable, found by different methods."""
-    known = [ds[name].attrs.get(METHOD, "") for ds in (again, result) if name in ds]
-    return len({*known}) == 2
+    methods = [ds[name].attrs.get(METHOD, "") for ds in (again, result) if name in ds]
+    return len({*methods}) == 2
 
 
 def _refuse_other_inputs(pair: Pair, members: NDArray[np.int64], source: str) -> None:
@@ -308,7 +308,7 @@ def _pairs(again: xr.Dataset, result: xr.Dataset, recording: Recording) -> Itera
     """Yield each variable that both results have, even if one stores only part of its saves."""
     over = set[str]()  # variables over all steps
     if again.sizes["time"]:
-        over = {name for label, one in recording.monitored for name in outputs(label, one)}
+        over = {name for label, kind in recording.monitored for name in outputs(label, kind)}
         over |= set(map(derivative_name, over))
     parameters = [list(ds.parameter.values) if "parameter" in ds else [] for ds in (again, result)]
     for name in map(str, again.data_vars):

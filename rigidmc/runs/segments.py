@@ -97,13 +97,13 @@ class SegmentedRun:
     def results(self, block: Array, part: int) -> dict[str, Array]:
         """Return {variable: values of each member} of monitors after a part; nan if flagged."""
         plan, steps = self.plan, int(self.ends[part + 1])
-        found = monitors.results(
+        monitored = monitors.results(
             plan.monitors, plan.places, block, plan.grid.clock, steps, plan.nodes
         )
         if self._units is None:
-            return found
-        units = {name: self._known[name].attrs.get("units", "1") for name in found}
-        return {name: x * self._units.factor(units[name]) for name, x in found.items()}
+            return monitored
+        units = {name: self._known[name].attrs.get("units", "1") for name in monitored}
+        return {name: x * self._units.factor(units[name]) for name, x in monitored.items()}
 
     def event(self, i: int, block: Array) -> tuple[Array, Array]:
         """Return (count, level) of event i of the scene for each member; the level is 0 while the

@@ -88,7 +88,7 @@ def prepare(
     >>> run.run().sizes["member"]
     4
     """
-    whole = scene.run.members
+    everyone = scene.run.members
     members, which = range_of_members(members)
     scene = with_settings(scene, members, {**settings, "integrator": integrator})
     if names := (varied,) if isinstance(varied, str) else tuple(varied):
@@ -97,7 +97,7 @@ def prepare(
     if isinstance(members, range):
         # A part of an ensemble has the saves of the whole, so that parts fit together. The result
         # says so: else its own scene, which has few members, would save more.
-        count = max(count, whole)
+        count = max(count, everyone)
         scene = first_and_last(scene) if count > FEW_MEMBERS else scene
     run = prepare_scene(scene, count)
     return run if which is None else run.with_members(which)
@@ -276,9 +276,9 @@ def _precompile_one(scene: Scene) -> Precompiled:
     parts = [
         type(part) for part in run.scene.user_parts if not isinstance(part, VectorDistribution)
     ]
-    if found := {kind.__name__: why for kind in parts if (why := why_not_cached(kind))}:
+    if uncached := {kind.__name__: why for kind in parts if (why := why_not_cached(kind))}:
         rule = "; ".join(
-            f"{user} is compiled in every process: {why}" for user, why in found.items()
+            f"{user} is compiled in every process: {why}" for user, why in uncached.items()
         )
         return Precompiled(name, 0.0, (), rule)
     plan = run.plan

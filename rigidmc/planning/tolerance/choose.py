@@ -91,11 +91,11 @@ def choose(
     # errors grow at most as the square of the time, unless the motion is chaotic
     agreed = max(AGREED, AGREEMENT * tolerance * extent.share**2)
     true = make_reference(first, say, agreed)
-    costs, known = Costs(first, true), upper_quantile(true.error)
-    if known > tolerance * extent.share:
-        known /= extent.share
-        why = f"the reference itself is known only to {known:.1e} ({true.source})"
-        raise _unreachable(scene, tolerance, first, known, why)
+    costs, certain = Costs(first, true), upper_quantile(true.error)
+    if certain > tolerance * extent.share:
+        certain /= extent.share
+        why = f"the reference itself is known only to {certain:.1e} ({true.source})"
+        raise _unreachable(scene, tolerance, first, certain, why)
     names = integrators or contenders(scene, tolerance)
     ways, nearest = _ways(costs, tolerance, names, extent.share)
     if not ways:

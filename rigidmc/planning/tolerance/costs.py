@@ -123,8 +123,8 @@ class Costs:
         saves, taken = min(self.saves, 50), []
         times = np.linspace(0.0, scene.run.t_end, saves + 1)
         for _ in range(3):
-            known = self.pilot.sampler, 0, count, self.pilot.has_attitude
-            block, start = initial_block(model, *known)
+            drawn = self.pilot.sampler, 0, count, self.pilot.has_attitude
+            block, start = initial_block(model, *drawn)
             began = time.perf_counter()
             clock = Clock(times[1], saves, times[1])
             closed_values(model.effects, recorded, block, start, times, clock)
@@ -150,7 +150,7 @@ class Costs:
         attitude = self.pilot.has_attitude
         spec = ProgramSpec(form, effects, observables, attitude, compensated, dtype)
         program = Program(spec)
-        own = int(self.pilot.member_steps and stride is None)
+        own_steps = int(self.pilot.member_steps and stride is None)
         few, steps = self.pilot.block, 32
         block = np.ascontiguousarray(np.tile(few, -(-512 // few.shape[1]))[:, :512])
         order, width = np.arange(512), block.shape[1] if observables else 0
@@ -159,10 +159,10 @@ class Costs:
         while spent < 0.03:
             saves = SaveTarget(np.empty((steps + 1) * values * width), width, 0, order)
             moved, span, slots = block.copy(), h, 1
-            if own:
+            if own_steps:
                 moved[layout.STEPS], span, slots = steps, h * steps, steps
             began = time.perf_counter()
-            run = StepRange(span, slots, stride or steps, steps, own, 0, steps)
+            run = StepRange(span, slots, stride or steps, steps, own_steps, 0, steps)
             program.advance(moved, run, saves=saves)
             took = time.perf_counter() - began
             if spent >= 0.0:  # the first call may have compiled

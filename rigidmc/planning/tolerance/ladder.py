@@ -39,8 +39,8 @@ def candidates(
         if name != "closed" or true.source.startswith("closed")
     ]
     # closed forms make no steps, and custom observables do not accept arrays
-    own = any(map(is_own, scene.recording.recorded.values()))
-    if pilot.monitors.each_step or own:
+    has_custom = any(map(is_own, scene.recording.recorded.values()))
+    if pilot.monitors.each_step or has_custom:
         able = [name for name in able if name != "closed"]
     if integrators:
         able = [name for name in integrators if name in able]
@@ -81,8 +81,8 @@ def _measure_closed(costs: Costs, dtype: str) -> Candidate:
     apart = errors(pilot, closed_pilot_states(pilot), true.states)
     if true.source.startswith("closed"):
         unseen = np.full(pilot.members, np.nan)
-        known = ("state", "momentum", "attitude")
-        apart = {name: true.error if name in known else unseen for name in QUANTITIES}
+        errors_known = ("state", "momentum", "attitude")
+        apart = {name: true.error if name in errors_known else unseen for name in QUANTITIES}
     ns = costs.step("closed", 1, dtype)
     return Candidate("closed", dtype, saves, saves, pilot.scene.run.t_end / saves, None, apart, ns)
 
@@ -133,8 +133,8 @@ def _first_multiple(pilot: Pilot, integrator: str) -> float:
     if pilot.scene.known_integrators()[integrator].order == math.inf:
         # one step between checks, or rounds of each member's own steps
         scene = pilot.stepped(pilot.base)[0].with_run(integrator=integrator)
-        whole = pilot.scheme(scene, pilot.scene.run.t_end)
-        in_pieces = pilot.member_steps and len(whole.substeps) > 2
+        scheme = pilot.scheme(scene, pilot.scene.run.t_end)
+        in_pieces = pilot.member_steps and len(scheme.substeps) > 2
         multiple = math.ceil(pilot.turn(pilot.base)) if in_pieces else 1.0
     if pilot.monitors.each_step:
         longest = max_monitored_step(pilot.scene.effects)

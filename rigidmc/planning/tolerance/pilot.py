@@ -152,8 +152,8 @@ def pilot(scene: Scene, members: int, first: int | None = None) -> Pilot:
     block = np.ascontiguousarray(np.pad(block, ((0, 0), (0, padding)), mode="edge"))
     rate = rate_bounds(scene.effects, block)[:members]
     rate = rate[np.isfinite(rate)] if np.isfinite(rate).any() else np.ones(1)
-    own = bool(rate.max() > SPREAD * rate.mean() > 0.0) and not driving_effects(scene.effects)
-    shape = *_checks(run), rate, own
+    own_steps = bool(rate.max() > SPREAD * rate.mean() > 0.0) and not driving_effects(scene.effects)
+    shape = *_checks(run), rate, own_steps
     return Pilot(
         scene, sampler, monitors, bounds, block, first, members, attitude, *shape, Effort()
     )

@@ -65,12 +65,12 @@ class Checkpoints:
         name = self._block(job)
         self._due.setdefault(name, time.monotonic() + EVERY)
         most = job.block.nbytes + job.out.nbytes
-        found = self._read(name, self._key_of(job), most)
-        if found is None or not _fits(job, found):
+        state = self._read(name, self._key_of(job), most)
+        if state is None or not _fits(job, state):
             return job
-        job.block[...], out = found["block"], found["out"]
+        job.block[...], out = state["block"], state["out"]
         job.out[: out.size] = out
-        return job.after(int(found["done"]))
+        return job.after(int(state["done"]))
 
     def _key_of(self, job: BlockJob) -> str:
         run = job.steps
@@ -93,12 +93,12 @@ class Checkpoints:
         """Load the results of finished blocks into a shard; return the places of these blocks."""
         name = f"{i:08d}"
         self._due.setdefault(name, time.monotonic() + EVERY)
-        found = self._read(name, self._key_of_shard(shard), shard.largest())
+        part = self._read(name, self._key_of_shard(shard), shard.largest())
         first, count = shard.members.first, shard.members.size
-        known = range(first, first + count, self._size)
-        blocks = [] if found is None else found.get("blocks", np.empty(0)).tolist()
-        some = 0 < len(blocks) < len(known) and all(place in known for place in blocks)
-        if found is None or not some or not shard.fill(found):
+        places = range(first, first + count, self._size)
+        blocks = [] if part is None else part.get("blocks", np.empty(0)).tolist()
+        some = 0 < len(blocks) < len(places) and all(place in places for place in blocks)
+        if part is None or not some or not shard.fill(part):
             return set()
         return set(blocks)
 
@@ -151,14 +151,14 @@ def _saved(job: BlockJob, done: int) -> int:
     return job.steps.saves_until(done) * (job.out.size // job.steps.saves_until(job.steps.total))
 
 
-def _fits(job: BlockJob, found: Mapping[str, NDArray[Any]]) -> bool:
+def _fits(job: BlockJob, state: Mapping[str, NDArray[Any]]) -> bool:
     """Return whether arrays are a valid state of a block, because compiled code trusts them."""
-    done = found.get("done", np.array(0))
-    if found.keys() != {"done", "block", "out"} or done.shape != () or done.dtype.kind != "i":
+    done = state.get("done", np.array(0))
+    if state.keys() != {"done", "block", "out"} or done.shape != () or done.dtype.kind != "i":
         return False
     shapes = job.block.shape, (_saved(job, int(done)),)
-    numbers = {job.block.dtype, job.out.dtype} == {found["block"].dtype, found["out"].dtype}
-    there = found["block"].shape, found["out"].shape
+    numbers = {job.block.dtype, job.out.dtype} == {state["block"].dtype, state["out"].dtype}
+    there = state["block"].shape, state["out"].shape
     return 0 < int(done) < job.steps.total and numbers and shapes == there
 
 
@@ -208,7 +208,7 @@ def read_checkpoint(path: Path, key: str, most: int) -> dict[str, NDArray[Any]] 
 
 def _arrays(data: memoryview, about: list[Any]) -> dict[str, NDArray[Any]]:
     """Read consecutive arrays from memory; ValueError if they do not fit."""
-    found, at = dict[str, NDArray[Any]](), 0
+    arrays, at = dict[str, NDArray[Any]](), 0
     for name, kind, shape in about:
         dtype, sizes = np.dtype(str(kind)), [int(size) for size in shape]
         if dtype.kind not in _KINDS or min(sizes, default=0) < 0:
@@ -216,6 +216,6 @@ def _arrays(data: memoryview, about: list[Any]) -> dict[str, NDArray[Any]]:
         count = math.prod(sizes)
         if at + count * dtype.itemsize > len(data):
             raise ValueError(name)
-        found[str(name)] = np.frombuffer(data, dtype, count, at).reshape(sizes)
+        arrays[str(name)] = np.frombuffer(data, dtype, count, at).reshape(sizes)
         at += count * dtype.itemsize
-    return found
+    return arrays

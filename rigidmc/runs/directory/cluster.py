@@ -131,8 +131,8 @@ def compute_on(
         _connected(cluster, directory) as client,
         reporter(progress, directory.members_of(numbers), 1) as report,
     ):
-        given = {"texts": texts, "how": how, "work": work}
-        tasks = _Tasks(client, cluster, directory, numbers, given)
+        arguments = {"texts": texts, "how": how, "work": work}
+        tasks = _Tasks(client, cluster, directory, numbers, arguments)
         for computed in tasks.results(report.poll):
             _store(computed, cluster, directory)
             for word, count in computed.flagged.items():
@@ -171,7 +171,7 @@ def _connected(cluster: str, directory: RunDirectory) -> "Iterator[Client]":
 class _Tasks:
     """The shards of a run as tasks of a cluster, submitted a few at a time.
 
-    given : arguments of `shard`
+    arguments : of `shard`
     """
 
     def __init__(
@@ -180,16 +180,16 @@ class _Tasks:
         cluster: str,
         directory: RunDirectory,
         numbers: Numbers,
-        given: dict[str, Any],
+        arguments: dict[str, Any],
     ) -> None:
-        self._client, self._cluster, self._stop = client, cluster, given["how"].stop
-        path, texts = absolute(directory.path), given["texts"]
+        self._client, self._cluster, self._stop = client, cluster, arguments["how"].stop
+        path, texts = absolute(directory.path), arguments["texts"]
         # fixed keys: a shard of this directory that is requested twice is one task
         self._name = f"rigidmc-{hashlib.sha256(path.encode() + texts[0]).hexdigest()}"
         # A task, not scattered data: the scheduler gives it to workers that join later, and repeats
         # it if every worker that holds the texts is lost.
         files = client.submit(_texts, texts, key=f"{self._name}-files")
-        self._given: dict[str, Any] = {**given, "path": path, "texts": files}
+        self._given: dict[str, Any] = {**arguments, "path": path, "texts": files}
         self._numbers, self._waiting = map(int, numbers), 0
         self._began, self._done = time.monotonic(), 0
         self._threads, self._counted = 1, -math.inf

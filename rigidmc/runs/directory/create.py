@@ -217,9 +217,9 @@ def _columns(scene: Scene, count: int) -> Arrays:
 
     names = sorted(set(stored(tomllib.loads(scene.dumps()))))
     model = scene.model
-    known = model, make_sampler(model, scene.run)
+    drawn = model, make_sampler(model, scene.run)
     pieces = [
-        initial_block(*known, low, min(BLOCK, count - low))[1] for low in range(0, count, BLOCK)
+        initial_block(*drawn, low, min(BLOCK, count - low))[1] for low in range(0, count, BLOCK)
     ]
     return {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in names}
 
@@ -310,6 +310,6 @@ def refuse_shards_beyond(only: range | None, count: int) -> None:
     if only is None:
         return
     if not isinstance(only, range) or only.step != 1 or not only or not 0 <= only[0] < count:
-        given = f"{only.start}:{only.stop}" if isinstance(only, range) else only
+        text = f"{only.start}:{only.stop}" if isinstance(only, range) else only
         rule = f"expected a range of shards; the run has 0 to {count - 1}"
-        raise OptionError(rule, at="shards", value=given)
+        raise OptionError(rule, at="shards", value=text)

@@ -68,12 +68,12 @@ class ShardChunks:
     def indices(self) -> "pd.Index[int]":
         """Return the indices of the members; a range without gaps takes no memory."""
         members = self.members
-        ranges = [one for one in members if isinstance(one, range)]
+        ranges = [part for part in members if isinstance(part, range)]
         if len(ranges) == len(members) and all(
-            one.stop == other.start for one, other in pairwise(ranges)
+            part.stop == other.start for part, other in pairwise(ranges)
         ):
             return pd.RangeIndex(ranges[0].start, ranges[-1].stop)
-        return pd.Index(np.concatenate([np.asarray(one) for one in members]))
+        return pd.Index(np.concatenate([np.asarray(part) for part in members]))
 
     def group(self, variables: Mapping[str, Variable], lengths: Mapping[Any, Any]) -> None:
         """Choose the shards of each chunk, so that the largest of the variables has about GROUP
@@ -99,8 +99,8 @@ class ShardChunks:
 
         dims, dtype, attrs = variable
         along = next(dim for dim in dims if dim in GROWING)
-        counts = tuple(sum(one.sizes[along] for one in group) for group in self._groups)
-        shards = [one for group in self._groups for one in group if one.sizes[along]]
+        counts = tuple(sum(shard.sizes[along] for shard in group) for group in self._groups)
+        shards = [shard for group in self._groups for shard in group if shard.sizes[along]]
         shape = tuple(sum(counts) if dim == along else lengths[dim] for dim in dims)
         joined = _Joined(shards, self._mark, name, shape, np.dtype(dtype), dims.index(along), along)
         chunks = tuple(counts if dim == along else (lengths[dim],) for dim in dims)
@@ -163,8 +163,8 @@ class _Joined:
         else:
             numbers = np.asarray(wanted, np.intp) - begin
             place = numbers if isinstance(where, slice) else numbers.reshape(np.shape(where))
-        found: NDArray[Any] = out[(*index[:axis], place, *index[axis + 1 :])]
-        return found
+        values: NDArray[Any] = out[(*index[:axis], place, *index[axis + 1 :])]
+        return values
 
     def _read(self, low: int, high: int) -> tuple[int, NDArray[Any]]:
         """Return (number of the first value, values) of the shards with the values low to high."""
@@ -199,10 +199,10 @@ def _sum_group(
     group: list[_Shard], mark: str, name: str, shape: list[int], dtype: str
 ) -> NDArray[Any]:
     """Return the sum of a variable over a group of shards, as one element of a stack."""
-    total, one = np.zeros(shape, dtype), np.empty(shape, dtype)
+    total, values = np.zeros(shape, dtype), np.empty(shape, dtype)
     for shard in group:
-        _fill([(shard, one)], mark, name)
-        total += one
+        _fill([(shard, values)], mark, name)
+        total += values
     return total[None]
 
 
@@ -242,11 +242,11 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
         rule = f"is read through dask: pip install 'rigidmc[cluster]', or consolidate it ({error})"
         raise FileError(rule, at="run", value=os.fspath(path)) from None
     directory = RunDirectory(path)
-    own = bool(directory.facts["code"]) and not allow_code
-    run = None if own else load_run(directory, allow_code)
-    found, strays = directory.listed()
+    has_hidden_code = bool(directory.facts["code"]) and not allow_code
+    run = None if has_hidden_code else load_run(directory, allow_code)
+    present, strays = directory.listed()
     directory.refuse_strays(strays)
-    shards = ShardChunks(directory, found)
+    shards = ShardChunks(directory, present)
     if not shards.paths:
         raise FileError("no shard exists yet: resume it first", at="run", value=directory.path)
     if len(shards.paths) < directory.count:
@@ -296,8 +296,8 @@ def _of_run(layout: ResultLayout) -> _Layout:
         if layout.is_rounded(name):
             more = {**attrs, "significant_digits": layout.scene.run.digits}
             variables[name] = Variable(dims, dtype, more)
-    known = dict[str, Any](layout.axes.coordinates())
-    return _Layout(variables, layout.axes.lengths(0), known, layout.attributes())
+    coordinates = dict[str, Any](layout.axes.coordinates())
+    return _Layout(variables, layout.axes.lengths(0), coordinates, layout.attributes())
 
 
 def _of_shard(directory: RunDirectory, path: str) -> _Layout:
@@ -312,7 +312,7 @@ def _of_shard(directory: RunDirectory, path: str) -> _Layout:
             str(name): Variable(tuple(map(str, v.dims)), v.dtype.str[1:], dict(v.attrs))
             for name, v in result.data_vars.items()
         }
-        known = {str(k): (v.dims, v.values, dict(v.attrs)) for k, v in result.coords.items()}
+        coordinates = {str(k): (v.dims, v.values, dict(v.attrs)) for k, v in result.coords.items()}
         told = {name: value for name, value in result.attrs.items() if name != "run"}
         told["title"] = scene.title
-        return _Layout(variables, dict(result.sizes), known, told)
+        return _Layout(variables, dict(result.sizes), coordinates, told)

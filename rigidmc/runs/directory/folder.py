@@ -71,10 +71,10 @@ def _line(text: bytes) -> dict[str, Any] | None:
     """Read a line of the journal; None if it is damaged."""
     try:
         line = json_of(text.decode("utf-8"))
-        known = _Line.model_validate(line).model_dump()
+        checked = _Line.model_validate(line).model_dump()
     except ValueError:  # includes errors of pydantic
         return None
-    return {**line, **known}
+    return {**line, **checked}
 
 
 class RunDirectory:
@@ -192,7 +192,7 @@ class RunDirectory:
         try:
             with os.scandir(self._folder) as entries:
                 return sorted(
-                    (one.name, one.path, one.is_file(follow_symlinks=False)) for one in entries
+                    (file.name, file.path, file.is_file(follow_symlinks=False)) for file in entries
                 )
         except FileNotFoundError:
             return []
@@ -203,13 +203,13 @@ class RunDirectory:
 
     def times(self, shards: dict[int, str]) -> dict[int, float]:
         """Return {i: time at which it appeared} of shards that are still there."""
-        found = dict[int, float]()
+        times = dict[int, float]()
         there = None if self.store is None else self.store.listed("shards")
         for i, path in shards.items():
             with contextlib.suppress(FileNotFoundError, KeyError):
                 name = os.path.basename(path)
-                found[i] = os.stat(path).st_mtime if there is None else there[name]
-        return found
+                times[i] = os.stat(path).st_mtime if there is None else there[name]
+        return times
 
     def shards(self) -> dict[int, str]:
         """Return {i: path} of the existing shards."""
@@ -294,9 +294,9 @@ class RunDirectory:
             return []
         # the first line of a partial read is incomplete
         texts = text.splitlines()[1 if len(text) == _JOURNAL else 0 :]
-        found = [_line(one) for one in texts]
-        lines = [line for line in found if line is not None]
-        if damaged := len(found) - len(lines):
+        read = [_line(entry) for entry in texts]
+        lines = [line for line in read if line is not None]
+        if damaged := len(read) - len(lines):
             rule = f"{damaged:,} damaged lines are ignored; nothing depends on them"
             warnings.warn(f"{name}: {rule}", SceneWarning, stacklevel=2)
         return lines

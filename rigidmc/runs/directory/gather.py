@@ -71,8 +71,8 @@ def _unlike(scene: Scene, path: str, member: int, threads: int | None) -> str:
         file = os.path.join(folder, "again.nc")  # a file, because files may keep fewer digits
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)
-            one, stated = range(member, member + 1), first_and_last(scene)
-            again = simulate(stated, members=one, threads=threads, output=file)
+            alone, stated = range(member, member + 1), first_and_last(scene)
+            again = simulate(stated, members=alone, threads=threads, output=file)
         with again:
             names = [str(name) for name in again.data_vars if "member" in again[name].dims]
         values = read(file, *names)
@@ -157,17 +157,17 @@ def _copy_shards(source: RunDirectory, target: RunDirectory) -> int:
     return copied
 
 
-def _refuse_unlike(one: RunDirectory, other: RunDirectory) -> None:
+def _refuse_unlike(first: RunDirectory, other: RunDirectory) -> None:
     """Raise FileError if two directories are not of the same run."""
-    keys = {**one.facts, **other.facts}
-    apart = [key for key in keys if one.facts.get(key) != other.facts.get(key)]
+    keys = {**first.facts, **other.facts}
+    apart = [key for key in keys if first.facts.get(key) != other.facts.get(key)]
     apart += [
         name
         for name in ("scene.toml", "columns.nc")
-        if content_of(one.folder, name) != content_of(other.folder, name)
+        if content_of(first.folder, name) != content_of(other.folder, name)
     ]
     if apart:
-        rule = f"is of another run than {one.path}: {', '.join(apart)} differ"
+        rule = f"is of another run than {first.path}: {', '.join(apart)} differ"
         raise FileError(rule, at="run", value=other.path)
 
 

@@ -35,7 +35,7 @@ FORMER_METHODS = {"megno": "neighbour"}
 
 def growth_methods(recording: Recording) -> dict[str, str]:
     """Return the entries of GROWTH_METHODS that concern the results of a run."""
-    grows = any(isinstance(one, Growth) for _, one in recording.monitored)
+    grows = any(isinstance(monitor, Growth) for _, monitor in recording.monitored)
     return GROWTH_METHODS if grows else {}
 
 
@@ -94,8 +94,8 @@ def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Sc
         code: dict[str, str] = facts["code"]
         changed = [
             name
-            for name, known in code.items()
-            if not os.path.isfile(name) or hash_of_file(name) != known
+            for name, checksum in code.items()
+            if not os.path.isfile(name) or hash_of_file(name) != checksum
         ]
         if changed:
             rule = "is not the file that the run was started with"
@@ -105,13 +105,13 @@ def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Sc
     if allow_code and stored and (other := changes(stored, contents_of_parts(scene.user_parts))):
         rule = "has changed since the run was started, which its other members were computed with"
         raise FileError(rule, at="code", value=", ".join(other[:5]), file=directory.path)
-    known = hash_of(scene)
-    if known != facts["scene"] and scene.body.frame == "principal":
-        known = _former_hash(scene)
+    checksum = hash_of(scene)
+    if checksum != facts["scene"] and scene.body.frame == "principal":
+        checksum = _former_hash(scene)
     if allow_code is None:  # placeholders for code have no file that the text could name
         text = text_of_run(directory, members=1, first=0)
-        known = hashlib.sha256(text.encode()).hexdigest()
-    if known != facts["scene"]:
+        checksum = hashlib.sha256(text.encode()).hexdigest()
+    if checksum != facts["scene"]:
         rule = "is not the scene with which the run was started and its shards were computed"
         raise FileError(rule, at="scene.toml", file=directory.path)
     if not facts.get("chosen"):  # scene.toml has the number of members before the run was extended
@@ -154,11 +154,11 @@ def check_versions(directory: RunDirectory, accept: bool) -> None:
 
     accept : continue anyway
     """
-    known = directory.facts["versions"]
-    versions, _ = this_machine(*["scipy"] * ("scipy" in known))
+    stored = directory.facts["versions"]
+    versions, _ = this_machine(*["scipy"] * ("scipy" in stored))
     compiled = dict.fromkeys(UNCOMPILED, "yes")
     former = FORMER_METHODS if "megno" in _saved(directory) else {}
-    there, here = {**compiled, **former, **known}, {**compiled, **versions}
+    there, here = {**compiled, **former, **stored}, {**compiled, **versions}
     here |= {name: GROWTH_METHODS[name] for name in there.keys() & GROWTH_METHODS.keys()}
     other = [
         f"{name} {there.get(name)} there, {here.get(name)} here"

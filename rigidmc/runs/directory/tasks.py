@@ -80,8 +80,8 @@ def compute_tasks(
                 break
             group = [int(i) for i in numbers[first : first + together]]
             places = [int(directory.members(i)[0]) for i in group]
-            for i, number, found in zip(group, places, task(places, threads), strict=True):
-                _write(directory, i, number, found)
+            for i, number, arrays in zip(group, places, task(places, threads), strict=True):
+                _write(directory, i, number, arrays)
             done += len(group)
             report.step(len(group))
             report.poll()
@@ -93,13 +93,13 @@ def tasks_at_once(threads: int) -> int:
     return 2 * threads
 
 
-def _write(directory: RunDirectory, i: int, number: int, found: TaskArrays) -> None:
+def _write(directory: RunDirectory, i: int, number: int, arrays: TaskArrays) -> None:
     """Write the results of a task as shard i."""
 
     def named(file: str) -> str:
         return directory.shard_path(i, 0, file)
 
-    columns = {"member": np.array([number]), "status": np.zeros(1, "i1"), **found}
+    columns = {"member": np.array([number]), "status": np.zeros(1, "i1"), **arrays}
     path = write_columns(directory.temporary(i), columns, {"run": directory.mark}, named)
     directory.publish(path)
 
@@ -125,15 +125,15 @@ def resume_tasks(
 def read_tasks(directory: RunDirectory) -> dict[int, TaskArrays]:
     """Return {number: results} of finished tasks; FileError for shards of another run."""
     directory.refuse_strays()
-    found: dict[int, TaskArrays] = {}
+    done: dict[int, TaskArrays] = {}
     for i, shard in sorted(directory.shards().items()):
         values = read(shard, mark=directory.mark)
         number = int(directory.members(i)[0])
         if values.get("member", np.empty(0)).tolist() != [number]:
             rule = "has another task; see `rigidmc verify`"
             raise FileError(rule, at="shard", value=i, file=shard)
-        found[number] = {k: v for k, v in values.items() if k not in ("member", "status")}
-    return found
+        done[number] = {k: v for k, v in values.items() if k not in ("member", "status")}
+    return done
 
 
 def compare_task(directory: RunDirectory, i: int, task: Task, threads: int) -> str:
