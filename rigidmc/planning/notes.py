@@ -37,7 +37,7 @@ from rigidmc.planning.model_notes import (
     unlike_matter,
 )
 from rigidmc.planning.plan import Plan
-from rigidmc.planning.units import UnitScale
+from rigidmc.planning.unit_scale import UnitScale
 from rigidmc.scene.body import Body
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import draw

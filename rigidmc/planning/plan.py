@@ -1,7 +1,7 @@
 """The plan of a run: everything that is resolved before its first step."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from rigidmc.engine.program_spec import NO_DERIVATIVES, Derivatives
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.methods import Flag, implements
 from rigidmc.physics.effects import label_effects
-from rigidmc.physics.effects.protocol import facts, is_conservative, is_random
+from rigidmc.physics.effects.protocol import facts, is_conservative
 from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.integrators.protocol import Integrator, has_extra_state
 from rigidmc.physics.integrators.splitting import ScoredLangevin
@@ -31,7 +31,7 @@ from rigidmc.planning.initial import (
     noise_keys,
     work_flags,
 )
-from rigidmc.planning.monitors import Monitors, places_of
+from rigidmc.planning.monitors import Monitors, monitor_notes, nodes, places_of
 from rigidmc.planning.scheme import SPUN_UP, Limits, largest_rates, make_limits, make_scheme
 from rigidmc.planning.steps import (
     TimeGrid,
@@ -46,11 +46,6 @@ from rigidmc.scene.model import Model
 from rigidmc.scene.recording import Recording, conservation
 from rigidmc.scene.settings import Run
 
-ARC = 1.6  # [rad] that a member may move between two monitored states of a step
-LARGEST_TURN = 3.0  # [rad] in a monitored step: beyond it, attitudes within are off by 1e-3
-# [rad] with noise, where only the ends of steps are known: for 50 heavy tops to t = 25, monitored
-# after steps of 1.6 rad, nutation was up to 0.43 rad off and 43 of 801 passages were missed
-RANDOM_TURN = 0.3
 # Derivatives of each number in a pass: with 3, 6 parameters cost 11.2 plain runs by rk8 and 12.4 by
 # rk4 with gravity; with 6, 18.2 and 12.8 (512 bits, `python -m bench derivatives`). More spill.
 AT_ONCE = 3
@@ -226,35 +221,22 @@ def make_plan(
     kind : the integrator of `run`;  wrt : as in Plan
     pilot : the first members of the coarse model
     """
-    effects, is_closed = model.effects, run.integrator == "closed"
-    steps = _steps(effects, run, pilot.block)
+    effects, steps = model.effects, _steps(model.effects, run, pilot.block)
     grid, mean = steps.grid, steps.mean_steps
-    scheme, rate, spin = (
-        (None, None, 0.0) if is_closed else make_scheme(kind, model, run, pilot.block, grid.dt)
-    )
+    scheme, rate, spin = None, None, 0.0
+    if run.integrator != "closed":
+        scheme, rate, spin = make_scheme(kind, model, run, pilot.block, grid.dt)
     if scheme and monitors.of_noise:
         scheme = scheme._replace(integrator=ScoredLangevin(scheme.integrator))
-    notes = grid.notes + _step_notes(kind, steps)
     # torques may raise a member's turn to theta
     reach = steps.theta if effects else steps.angle
-    notes += monitor_notes(effects, monitors, reach, grid.dt, run.turn is not None)
-    if steps.has_member_steps and (driving := driving_effects(effects)):
-        rule = (
-            f"steps follow the spin at the start, but {', '.join(driving)} may spin members up; a "
-            f"member that turns by {SPUN_UP:g} times as much in a step is flagged"
-        )
-        notes += (f"[run] turn = {run.turn:g}: {rule}; a fixed dt ignores the start",)
-    custom = [pair for pair in monitors.of_running if wrt and is_own(pair[1])]
-    if lost := [label for label, one in custom if not outputs_with_derivatives(label, one)]:
-        rule = "its method `results` uses functions that have none"
-        notes += (f"[run] wrt: {', '.join(lost)} has no derivatives: {rule}",)
-    if not grid.listed and (saves := grid.steps // grid.stride) > MOST_SAVES:
-        rule = f"{saves:,} saves exceed the limit of {MOST_SAVES:,}"
-        raise SceneError(rule, at="run.every", value=run.every)
-    if grid.is_shortened:
-        _refuse_counts(monitors, "run.every", run.every, f"does not divide t_end = {run.t_end:g} s")
-    for name, time in switching_parameters(effects)[:1]:
-        _refuse_counts(monitors, name, time, "is a switching time")
+    notes = (
+        *grid.notes,
+        *_step_notes(kind, steps),
+        *monitor_notes(effects, monitors, reach, grid.dt, run.turn is not None),
+        *_notes_on_what_is_lost(effects, run, monitors, wrt),
+    )
+    _refuse_saves(grid, run, effects, monitors)
     conserved = conservation(effects, recording.has_work)
     has_observables = bool(recording.recorded or monitors.events or monitors.running)
     has_axes = model.body.is_turned and model.body.frame == "described" and has_observables
@@ -283,6 +265,34 @@ def make_plan(
         wrt=wrt,
         derivatives=choose_derivatives(wrt),
     )
+
+
+def _notes_on_what_is_lost(
+    effects: Sequence[Any], run: Run, monitors: Monitors, wrt: tuple[str, ...]
+) -> Iterator[str]:
+    """Yield notes on members that spin up beyond their own steps, and on missing derivatives."""
+    own_steps = run.turn is not None and run.integrator != "closed"
+    if own_steps and (driving := driving_effects(effects)):
+        rule = (
+            f"steps follow the spin at the start, but {', '.join(driving)} may spin members up; a "
+            f"member that turns by {SPUN_UP:g} times as much in a step is flagged"
+        )
+        yield f"[run] turn = {run.turn:g}: {rule}; a fixed dt ignores the start"
+    custom = [pair for pair in monitors.of_running if wrt and is_own(pair[1])]
+    if lost := [label for label, kind in custom if not outputs_with_derivatives(label, kind)]:
+        rule = "its method `results` uses functions that have none"
+        yield f"[run] wrt: {', '.join(lost)} has no derivatives: {rule}"
+
+
+def _refuse_saves(grid: TimeGrid, run: Run, effects: Sequence[Any], monitors: Monitors) -> None:
+    """Raise SceneError for too many saves, and for steps that are shorter than monitors allow."""
+    if not grid.listed and (saves := grid.steps // grid.stride) > MOST_SAVES:
+        rule = f"{saves:,} saves exceed the limit of {MOST_SAVES:,}"
+        raise SceneError(rule, at="run.every", value=run.every)
+    if grid.is_shortened:
+        _refuse_counts(monitors, "run.every", run.every, f"does not divide t_end = {run.t_end:g} s")
+    for name, time in switching_parameters(effects)[:1]:
+        _refuse_counts(monitors, name, time, "is a switching time")
 
 
 def choose_derivatives(wrt: Sequence[str]) -> Derivatives:
@@ -350,35 +360,6 @@ def longest_step(kind: Integrator) -> float:
     """
     most = 3.0
     return most if kind.is_splitting else round(min(most, max(1.0, (kind.order / 4.0) ** 1.45)), 1)
-
-
-def nodes(effects: Sequence[Any], monitors: Monitors, theta: float) -> int:
-    """Return how many states of a step are monitored if members move by up to `theta` [rad] in it.
-
-    0 means the end of the step only, because noise cannot be interpolated.
-    """
-    if not monitors.each_step or any(map(is_random, effects)):
-        return 0
-    return max(1, math.ceil(min(theta, LARGEST_TURN) / ARC * (1.0 - 1e-9)))
-
-
-def max_monitored_step(effects: Sequence[Any]) -> float:
-    """Return how far a member may move in a monitored step [rad]."""
-    return RANDOM_TURN if any(map(is_random, effects)) else LARGEST_TURN
-
-
-def monitor_notes(
-    effects: Sequence[Any], monitors: Monitors, theta: float, dt: float, own_steps: bool
-) -> tuple[str, ...]:
-    """Return a note if steps `dt` [s] of `theta` [rad] are too long for the monitors."""
-    labels, most = monitors.each_step, max_monitored_step(effects)
-    if not labels or theta <= most * (1.0 + 1e-9):
-        return ()
-    limit = f"turn <= {most:g}" if own_steps else f"dt <= {dt * most / theta:.2g} s"
-    return (
-        f"a member may move by {theta:.2g} rad in a step, too far for {', '.join(labels)};"
-        f" use {limit}",
-    )
 
 
 def driving_effects(effects: Sequence[Any]) -> list[str]:

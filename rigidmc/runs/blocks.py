@@ -28,7 +28,7 @@ from rigidmc.planning.initial import Start, rows_to_fill
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import Array, order_by_steps, physics
 from rigidmc.planning.switches import cut_rows
-from rigidmc.planning.units import UnitScale
+from rigidmc.planning.unit_scale import UnitScale
 from rigidmc.processes.progress import reporter
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.sinks import Arrays, Place, Sink

@@ -27,7 +27,7 @@ from rigidmc.planning.notes import scene_notes, step_notes
 from rigidmc.planning.plan import make_plan
 from rigidmc.planning.saves import save_to_plot, settle_saves
 from rigidmc.planning.tolerance.choose import choose_integrator
-from rigidmc.planning.units import choose_units
+from rigidmc.planning.unit_scale import choose_units
 from rigidmc.processes.progress import Progress
 from rigidmc.results.layout import Selection
 from rigidmc.results.sinks import Blanks, MemorySink, Sink

@@ -12,7 +12,7 @@ from rigidmc.engine.program import Program
 from rigidmc.planning.initial import InitialMembers, Source, Start
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.tolerance.costs import Choice
-from rigidmc.planning.units import UnitScale
+from rigidmc.planning.unit_scale import UnitScale
 from rigidmc.processes.progress import Progress
 from rigidmc.results.layout import ResultLayout, Selection
 from rigidmc.runs.assemble import make_program

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import rigidmc as rm
 from rigidmc.errors import SceneError
 from rigidmc.planning.initial import block_rows, initial_block
-from rigidmc.planning.units import scale_scene
+from rigidmc.planning.unit_scale import scale_scene
 from rigidmc.scene.derivatives import parameter_names_of_derivatives, seeds_of
 from rigidmc.scene.parameters import parameter_names, parameters_of, with_parameter
 from rigidmc.views.live.sliders import make_sliders

@@ -16,7 +16,7 @@ from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.dual_arrays import zeros
 from rigidmc.planning.initial import block_rows, initial_block, rows_to_fill
 from rigidmc.planning.tangents import build_with_tangents, tangents_at_start
-from rigidmc.planning.units import scale_scene, unit_factor
+from rigidmc.planning.unit_scale import scale_scene, unit_factor
 from rigidmc.scene.derivatives import parameter_names_of_derivatives, seeds_of
 from rigidmc.scene.parameters import unit_at
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution

@@ -11,7 +11,7 @@ import pytest
 import rigidmc as rm
 from rigidmc.physics import observables
 from rigidmc.physics.observables.protocol import event
-from rigidmc.planning.units import choose_units, scale_scene, unit_exponents, unit_factor
+from rigidmc.planning.unit_scale import choose_units, scale_scene, unit_exponents, unit_factor
 
 BODY = rm.Body.from_moments((rm.uniform(0.9, 1.1), 1.4, 2.0), mass=1.5, centre=(0.1, 0.2, 0.3))
 START = rm.Start(

@@ -11,7 +11,7 @@ import xarray as xr
 import rigidmc as rm
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.observables import bare_observables
-from rigidmc.planning.units import unit_exponents
+from rigidmc.planning.unit_scale import unit_exponents
 from rigidmc.results.labels import (
     axis_label,
     column_head,

@@ -16,7 +16,7 @@ from rigidmc.errors import SceneError
 from rigidmc.physics.effects.sums import total_energy
 from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.planning.steps import physics
-from rigidmc.planning.units import scale_scene
+from rigidmc.planning.unit_scale import scale_scene
 from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.quantities import Grid
 from tests.tools.plans import starts

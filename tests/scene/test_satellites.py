@@ -11,7 +11,7 @@ import rigidmc as rm
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.mechanics.inertia import symmetric
-from rigidmc.planning.units import scale_scene
+from rigidmc.planning.unit_scale import scale_scene
 from rigidmc.protocols import Vector, effect
 from rigidmc.results.frames import in_principal_axes
 from tests.physics.effects.laws import Motion, Properties

@@ -9,7 +9,7 @@ import rigidmc as rm
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import symmetric, violates_triangle
 from rigidmc.mechanics.log_cholesky import numbers_of, parameters_of, rates_of
-from rigidmc.planning.units import scale_scene
+from rigidmc.planning.unit_scale import scale_scene
 from tests.physics.effects.laws import Motion, Properties
 from tests.tools.plans import starts
 

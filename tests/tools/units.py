@@ -27,7 +27,7 @@ from rigidmc.physics.observables import (
     square_units,
     statistics,
 )
-from rigidmc.planning.units import scale_scene
+from rigidmc.planning.unit_scale import scale_scene
 from rigidmc.scene.derivatives import quotient
 from rigidmc.scene.distributions import Distribution
 from rigidmc.studies.stress.trust import trust

@@ -179,7 +179,7 @@ def quarters(body, h):
 
     A step back to an event may have length 0, where w would lose L. The step then lasts 1e-30 s
     (1e-20 s in float32), in which no body moves: internal units keep rates below 1e30/s, see
-    `rigidmc.planning.units.RANGE`.
+    `rigidmc.planning.unit_scale.RANGE`.
     """
     # seconds, see above
     h = select(h == 0.0, by_precision(h, 1e-30, 1e-20), h)

@@ -105,37 +105,23 @@ def choose(
         member_steps=first.member_steps, effort=first.effort
     )
     second = part_of(second, extent.checked, extent.checked_share)
-    check = _Check(costs, second, tolerance, extent.checked_share)
+    check = _Check(costs, second, tolerance, extent.checked_share, not pilots)
     spare = None  # keeps the tolerance on the second pilot, but too few members confirm it
     for way in ways:
         for _ in range(4):
             if not first.effort.allows(check.work(way)):
                 break
             apart, source = check.of(way)
-            share = float(np.mean(apart <= tolerance))
-            if share >= 0.99:
-                predicted = upper_quantile(apart)
-                if not pilots:
-                    predicted = max(way.upper, predicted)
-                others = [w for w in ways if w.integrator != way.integrator]
-                cost = costs.per_member(way)
-                runner_up = (others[0], costs.per_member(others[0]) / cost) if others else None
-                chosen = Choice(
-                    way, predicted, share, source, runner_up, cost, tolerance, second.members
-                )
+            if np.mean(apart <= tolerance) >= 0.99:
+                chosen = check.choice(way, ways, apart, source)
                 if pilots:
                     chosen = _of_whole_run(chosen, first, full)._replace(pilots=pilots)
-                if predicted <= tolerance:
+                if chosen.predicted <= tolerance:
                     return chosen
                 spare = spare or chosen
-            factor = 1.2
             if pilots:  # the check is longer than the pilot, and shows how errors grow
                 nearest = upper_quantile(apart)
-                excess = nearest / (SAFETY * tolerance)
-                order = min(8.0, scene.known_integrators()[way.integrator].order)
-                factor = min(4.0, max(factor, excess ** (1.0 / order)))
-            steps = first.base * math.ceil(factor * way.steps / first.base)
-            way = measure_candidate(costs, way.integrator, way.dtype, steps) or way
+            way = check.finer(way, nearest if pilots else 0.0) or way
     if spare is not None:
         return spare
     raise _unreachable(scene, tolerance, first, nearest, "members beyond the pilot err more")
@@ -210,9 +196,12 @@ class _Check:
     """Check of candidates on a second pilot: closed forms by an integration, integrators by the
     reference of that pilot."""
 
-    def __init__(self, costs: Costs, second: Pilot, tolerance: float, share: float) -> None:
-        self.true, self.second, self.tolerance, self.share = costs.truth, second, tolerance, share
-        first = costs.pilot
+    def __init__(
+        self, costs: Costs, second: Pilot, tolerance: float, share: float, is_whole: bool
+    ) -> None:
+        """share : of the time, to the end of the second pilot;  is_whole : of the first one"""
+        self.costs, self.true, self.second = costs, costs.truth, second
+        self.tolerance, self.share, self.is_whole, first = tolerance, share, is_whole, costs.pilot
         self.longer = second.scene.run.t_end / first.scene.run.t_end
         # members of the second pilot may be faster, and then need more steps
         self.faster = float(second.rates.max() / first.rates.max()) if first.member_steps else 1
@@ -230,6 +219,29 @@ class _Check:
             return apart, f"{self.true.source}; the second pilot by {other.source}"
         grown = self.share ** -growth_power(self.second, way.integrator)
         return grown * (apart + other.error), self.true.source
+
+    def choice(self, way: Candidate, ways: list[Candidate], apart: Array, source: str) -> Choice:
+        """Return a candidate that keeps the tolerance as the choice among some."""
+        others = [other for other in ways if other.integrator != way.integrator]
+        cost = self.costs.per_member(way)
+        return Choice(
+            way,
+            max(way.upper if self.is_whole else 0.0, upper_quantile(apart)),
+            float(np.mean(apart <= self.tolerance)),
+            source,
+            (others[0], self.costs.per_member(others[0]) / cost) if others else None,
+            cost,
+            self.tolerance,
+            self.second.members,
+        )
+
+    def finer(self, way: Candidate, error: float) -> Candidate | None:
+        """Return a candidate in more steps; error : that it has, 0 if only its excess is known."""
+        pilot, excess = self.costs.pilot, error / (SAFETY * self.tolerance)
+        order = min(8.0, pilot.scene.known_integrators()[way.integrator].order)
+        factor = min(4.0, max(1.2, excess ** (1.0 / order)))
+        steps = pilot.base * math.ceil(factor * way.steps / pilot.base)
+        return measure_candidate(self.costs, way.integrator, way.dtype, steps)
 
     def work(self, way: Candidate) -> float:
         """Return the evaluations of a check; its reference costs about five times as much."""

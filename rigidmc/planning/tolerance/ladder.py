@@ -9,7 +9,7 @@ import numpy as np
 from rigidmc.errors import SceneError
 from rigidmc.physics.integrators import integrators_for
 from rigidmc.physics.observables import is_own
-from rigidmc.planning.plan import max_monitored_step
+from rigidmc.planning.monitors import max_monitored_step
 from rigidmc.planning.switches import switching_parameters
 from rigidmc.planning.tolerance.costs import Candidate, Costs
 from rigidmc.planning.tolerance.deviation import QUANTITIES, errors

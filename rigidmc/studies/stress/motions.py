@@ -26,7 +26,7 @@ from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.initial import members_at_start
 from rigidmc.planning.steps import physics, rate_bounds
 from rigidmc.planning.tolerance.deviation import relative
-from rigidmc.planning.units import choose_units, scale_scene
+from rigidmc.planning.unit_scale import choose_units, scale_scene
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.body import Body
 from rigidmc.scene.quantities import count_rows, is_shared

@@ -27,7 +27,7 @@ from rigidmc.planning.tolerance.choose import check_quiet, choose_integrator
 from rigidmc.planning.tolerance.deviation import measure_growth, relative
 from rigidmc.planning.tolerance.pilot import Pilot, PilotStates, first_steps, integrate_pilot, pilot
 from rigidmc.planning.tolerance.truth import closed_pilot_states
-from rigidmc.planning.units import scale_scene
+from rigidmc.planning.unit_scale import scale_scene
 from rigidmc.processes.progress import reporter
 from rigidmc.results.labels import count_text
 from rigidmc.runs.prepare import prepare_scene

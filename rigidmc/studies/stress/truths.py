@@ -16,7 +16,7 @@ from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.physics.integrators import integrators_for
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.initial import make_sampler
-from rigidmc.planning.units import UnitScale, choose_units, scale_scene
+from rigidmc.planning.unit_scale import UnitScale, choose_units, scale_scene
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.stress.case import Claim, Comparison, makes_steps, reversible

@@ -8,7 +8,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.errors import SceneError
-from rigidmc.planning.units import scale_scene
+from rigidmc.planning.unit_scale import scale_scene
 
 ANGLE, T_END = math.radians(60.0), 25.0
 CASES = (  # of axis 3: (way, hold, at_start)

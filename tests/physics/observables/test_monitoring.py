@@ -17,7 +17,7 @@ from rigidmc.errors import SceneError
 from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
 from rigidmc.physics.dynamics.so3 import vertical
 from rigidmc.physics.observables import outputs
-from rigidmc.planning import plan as plan_module
+from rigidmc.planning import monitors
 from rigidmc.planning.steps import rate_bounds
 from rigidmc.planning.tolerance import choose
 from tests.tools.plans import closed_form, plan_of, starts
@@ -603,7 +603,7 @@ def test_short_excursions_within_long_steps_are_found():
 @pytest.mark.slow  # 6 s, to compile; the notes of long steps are tested above
 def test_a_tolerance_chooses_no_step_that_hides_what_is_watched(monkeypatch):
     """Were steps that are watched to be of 0.3 rad at most: those of rk8 grow to 0.54 rad."""
-    monkeypatch.setattr(plan_module, "LARGEST_TURN", 0.3)
+    monkeypatch.setattr(monitors, "LARGEST_TURN", 0.3)
     # all contenders take 60 s of compiling
     monkeypatch.setattr(choose, "contenders", lambda *_: ["rk8"])
     alone = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude",))
