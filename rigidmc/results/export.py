@@ -22,11 +22,8 @@ from rigidmc.files.reading import harmless
 from rigidmc.results.layout import ResultLayout, Selection
 from rigidmc.results.sinks import (
     Arrays,
-    HistogramCounts,
     MemorySink,
-    Sink,
-    concat_flagged,
-    flagged_values,
+    ResultSink,
     kept_values,
 )
 from rigidmc.results.writer import Writer, netcdf_bytes, round_digits
@@ -152,7 +149,7 @@ class ExportSink(MemorySink):
         return dataset
 
 
-class FileSink(Sink):
+class FileSink(ResultSink):
     """A sink that writes finished blocks to a netCDF file."""
 
     def __init__(
@@ -163,31 +160,25 @@ class FileSink(Sink):
         force: bool,
         more: Mapping[str, Any] = {},
     ) -> None:
-        self.layout, self.path = layout, path
-        self.counts, self.flagged = HistogramCounts(layout.recording.histograms), list[Arrays]()
+        super().__init__(layout, members)
+        self.path = path
         self.writer = Writer(path, layout, members, {**layout.attributes(), **more}, force)
 
-    def gather(self, job: Any, results: Arrays) -> tuple[int, int, Arrays, Arrays, Arrays]:
-        """Return place and size of a finished block, its kept values, its counts and its flagged
-        values."""
+    def gather(self, job: Any, results: Arrays) -> tuple[Arrays, Arrays, int, int, Arrays]:
+        """Return counts and flagged values of a finished block, its place, size and kept values."""
         layout, counts, flagged = self.layout, Arrays(), Arrays()
         values = {name: array for name, array in results.items() if name in layout.by_member}
         if layout.values:
-            parts = layout.split(layout.saves(job.out, job.width))
-            counts = self.counts.of(job, parts, results["status"])
-            status = results["status"][: job.size]
-            flagged = flagged_values(layout, job.members, parts, status)
+            parts, counts, flagged = self.saved(job, results["status"])
             values |= kept_values(layout, parts)
-        return job.first, job.size, values, counts, flagged
+        return counts, flagged, job.first, job.size, values
 
-    def take(self, gathered: tuple[int, int, Arrays, Arrays, Arrays]) -> None:
-        first, size, values, counts, flagged = gathered
-        self.counts.add(counts)
-        self.flagged.append(flagged)
-        self.writer.write(first, size, values)
+    def take(self, gathered: Any) -> None:
+        super().take(gathered)
+        self.writer.write(*gathered[2:])
 
     def finish(self) -> xr.Dataset:
-        self.writer.write_all({**self.counts.variables(), **concat_flagged(self.flagged)})
+        self.writer.write_all(self.of_ensemble())
         self.writer.finish()
         return open_trusted(self.path)
 

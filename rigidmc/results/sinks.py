@@ -139,6 +139,30 @@ class Sink:
         """Drop an incomplete result."""
 
 
+class ResultSink(Sink):
+    """A sink of a whole result, with its histograms and its flagged members."""
+
+    def __init__(self, layout: ResultLayout, members: Selection) -> None:
+        self.layout, self.members = layout, members
+        self.counts, self.flagged = HistogramCounts(layout.recording.histograms), list[Arrays]()
+
+    def saved(self, job: Any, status: NDArray[Any]) -> tuple[Arrays, Arrays, Arrays]:
+        """Return the values of a block at all saves, its counts and its flagged values."""
+        saves = self.layout.saves(job.out, job.width)
+        parts = self.layout.split(saves[..., job.column : job.column + job.size])
+        flagged = flagged_values(self.layout, job.members, parts, status[: job.size])
+        return parts, self.counts.of(job, parts, status), flagged
+
+    def take(self, gathered: Any) -> None:
+        """Take the counts and the flagged values, the first two of what `gather` returns."""
+        self.counts.add(gathered[0])
+        self.flagged.append(gathered[1])
+
+    def of_ensemble(self) -> Arrays:
+        """Return {variable: array} of the variables without a member dimension."""
+        return {**self.counts.variables(), **concat_flagged(self.flagged)}
+
+
 _ARRAY, _COUNTS, _FLAGGED = "array ", "counts ", "flagged "  # prefixes of the names in a part
 
 
@@ -147,7 +171,7 @@ def _named(part: Mapping[str, NDArray[Any]], mark: str) -> Arrays:
     return {n.removeprefix(mark): a.copy() for n, a in part.items() if n.startswith(mark)}
 
 
-class MemorySink(Sink):
+class MemorySink(ResultSink):
     """A sink that collects blocks in one Dataset.
 
     If all saved values are kept, the kernel writes them directly to their place.
@@ -164,9 +188,8 @@ class MemorySink(Sink):
         """more : further attributes;  direct : whether blocks may write directly to the result
         blank : see `Blanks`
         """
-        self.layout, self.members, self.more, self.blank = layout, members, more, blank
-        recording = layout.recording
-        self.counts, self.flagged = HistogramCounts(recording.histograms), list[Arrays]()
+        super().__init__(layout, members)
+        self.more, self.blank, recording = more, blank, layout.recording
         all_kept = set(recording.retained.values()) <= {"full"}
         self.direct = direct and tuple(recording.recorded) == recording.names and all_kept
         self.width = whole_lanes(members.size)
@@ -191,11 +214,7 @@ class MemorySink(Sink):
         low = job.first - self.members.first
         part = slice(low, low + job.size)
         if layout.values and (self.counts.histograms or not self.direct):
-            saves = layout.saves(job.out, job.width)
-            parts = layout.split(saves[..., job.column : job.column + job.size])
-            counts = self.counts.of(job, parts, results["status"])
-            status = results["status"][: job.size]
-            flagged = flagged_values(layout, job.members, parts, status)
+            parts, counts, flagged = self.saved(job, results["status"])
             if not self.direct:
                 for name, kept in kept_values(layout, parts).items():
                     self.arrays[name][..., part] = kept
@@ -208,14 +227,9 @@ class MemorySink(Sink):
                 self.arrays[name][..., part] = results[name][..., : job.size]
         return counts, flagged
 
-    def take(self, gathered: tuple[Arrays, Arrays]) -> None:
-        counts, flagged = gathered
-        self.counts.add(counts)
-        self.flagged.append(flagged)
-
     def values(self) -> Arrays:
         """Return {variable: array} of the result."""
-        arrays = {**self.arrays, **self.counts.variables(), **concat_flagged(self.flagged)}
+        arrays = {**self.arrays, **self.of_ensemble()}
         if self.direct:
             saves = self.layout.saves(self.out, self.width)
             arrays |= self.layout.split(saves[..., : self.members.size])

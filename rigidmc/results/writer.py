@@ -131,22 +131,19 @@ class Writer:
     def write(self, first: int, count: int, values: Arrays) -> None:
         """Write {name: array, members last} for `count` members from place `first` on."""
         low = first - self.members.first
-        part = slice(low, low + count)
-
-        def put() -> None:
-            self._file.variables["member"][part] = self.members.indices(first, count)
-            for name, array in values.items():
-                self._file.variables[name][..., part] = self._rounded(name, array[..., :count])
-
-        with naming_failures(self.path):
-            in_netcdf_thread(put)
+        some = {name: array[..., :count] for name, array in values.items()}
+        self._put({"member": self.members.indices(first, count), **some}, slice(low, low + count))
 
     def write_all(self, values: Arrays) -> None:
         """Write {name: array} of variables without a member dimension."""
+        self._put(values, slice(None))
+
+    def _put(self, values: Arrays, part: slice) -> None:
+        """Write {name: array} to a part of the last dimension."""
 
         def put() -> None:
             for name, array in values.items():
-                self._file.variables[name][:] = self._rounded(name, array)
+                self._file.variables[name][..., part] = self._rounded(name, array)
 
         with naming_failures(self.path):
             in_netcdf_thread(put)

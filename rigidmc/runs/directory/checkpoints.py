@@ -65,7 +65,7 @@ class Checkpoints:
         name = self._block(job)
         self._due.setdefault(name, time.monotonic() + EVERY)
         most = job.block.nbytes + job.out.nbytes
-        state = self._read(name, self._key_of(job), most)
+        state = read_checkpoint(os.path.join(self._folder, name), self._key_of(job), most)
         if state is None or not _fits(job, state):
             return job
         job.block[...], out = state["block"], state["out"]
@@ -93,7 +93,8 @@ class Checkpoints:
         """Load the results of finished blocks into a shard; return the places of these blocks."""
         name = f"{i:08d}"
         self._due.setdefault(name, time.monotonic() + EVERY)
-        part = self._read(name, self._key_of_shard(shard), shard.largest())
+        path = os.path.join(self._folder, name)
+        part = read_checkpoint(path, self._key_of_shard(shard), shard.largest())
         first, count = shard.members.first, shard.members.size
         places = range(first, first + count, self._size)
         blocks = [] if part is None else part.get("blocks", np.empty(0)).tolist()
@@ -141,9 +142,6 @@ class Checkpoints:
         write_checkpoint(os.path.join(self._folder, name), key, arrays)
         now = time.monotonic()
         self._due[name] = now + max(EVERY, COSTS * (now - began))
-
-    def _read(self, name: str, key: str, most: int) -> dict[str, NDArray[Any]] | None:
-        return read_checkpoint(os.path.join(self._folder, name), key, most)
 
 
 def _saved(job: BlockJob, done: int) -> int:
