@@ -79,7 +79,7 @@ def costs(name, kind, cases, rounds):
     def candidate(at_once, passes):
         program = make_program(plan, derivatives=Derivatives(at_once, passes, False, False))
         copies = program.copies
-        out = np.empty(plan.grid.saves * plan.values * copies * MEMBERS)
+        out = np.empty(plan.grid.saves * run.layout.values * copies * MEMBERS)
         steps = StepRange(plan.grid.dt, 1, STEPS, STEPS, 0, 0, STEPS)
 
         def prepare():

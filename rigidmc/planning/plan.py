@@ -19,7 +19,7 @@ from rigidmc.physics.effects.protocol import facts, is_conservative
 from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.integrators.protocol import Integrator, has_extra_state
 from rigidmc.physics.integrators.splitting import ScoredLangevin
-from rigidmc.physics.observables import is_own, value_rows
+from rigidmc.physics.observables import is_own
 from rigidmc.physics.observables.saving import outputs_with_derivatives
 from rigidmc.physics.observables.statistics import counts_steps
 from rigidmc.planning.initial import (
@@ -112,16 +112,6 @@ class Plan(NamedTuple):
     def has_switches(self) -> bool:
         """Whether effects cut steps."""
         return bool(switching_parameters(self.model.effects))
-
-    @property
-    def saved(self) -> dict[str, slice]:
-        """{observable: rows of its values} of the observables recorded at saves."""
-        return value_rows(self.recording.recorded, len(self.model.effects))
-
-    @property
-    def values(self) -> int:
-        """Number of values that a member records at a save."""
-        return max((rows.stop for rows in self.saved.values()), default=0)
 
     @property
     def columns(self) -> int:

@@ -13,6 +13,7 @@ from rigidmc.engine.program import Program
 from rigidmc.engine.program_spec import Derivatives, ProgramSpec
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators.protocol import Integrator
+from rigidmc.physics.observables import value_rows
 from rigidmc.physics.observables.saving import thinned_indices
 from rigidmc.planning.plan import Plan
 from rigidmc.results.layout import Axes, ResultLayout, constant_variables, labels_of_works
@@ -63,7 +64,7 @@ def make_layout(scene: Scene, recorded: Recording, plan: Plan) -> ResultLayout:
             parameter_units=units,
         ),
         recording=recorded,
-        saved=plan.saved,
+        saved=value_rows(recorded.recorded, len(model.effects)),
         **describe_variables(model, run, recorded, units, plan.has_attitude),
         constant=constant_variables(model),
         columns=plan.columns,

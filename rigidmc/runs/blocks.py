@@ -294,7 +294,7 @@ def add_derivatives_by_end(plan: Plan, rows: Array, saves: Array) -> None:
     """
     column, places = 1 + plan.wrt.index(END), plan.places
     moves = (rows[layout.STATUS] == 0.0) & ~_stopped(plan, rows)
-    saved, now, rates = _rates(plan, rows)
+    saved, now, rates = _rates(plan, rows, saves.shape[1])
     saves[-1, :, column] = np.where(moves, saved, 0.0)
     each, time = rows[layout.STEPS], plan.grid.end
     made = plan.grid.steps * each
@@ -317,9 +317,9 @@ def _stopped(plan: Plan, rows: Array) -> NDArray[np.bool_]:
     return stopped
 
 
-def _rates(plan: Plan, rows: Array) -> tuple[Array, Array, Array]:
+def _rates(plan: Plan, rows: Array, values: int) -> tuple[Array, Array, Array]:
     """Return (rates of the saved values, running states that would begin at the end, their rates),
-    each with the members last."""
+    each with the members last; values : number of those saved."""
     effects, places = plan.model.effects, plan.places
     state, l = rows[: layout.EXTRA], rows[layout.MOMENTUM : layout.EXTRA]
     with np.errstate(all="ignore"):
@@ -341,7 +341,7 @@ def _rates(plan: Plan, rows: Array) -> tuple[Array, Array, Array]:
     body = with_axes(_BODY, (0.0,) * 4 if plan.has_axes else ())
     momentum = (0.0,) * (3 + places.good_works - places.works)
     formula = RatesOfChange(body, blank(effects), *fixed, (0.0,) * 4, 0.0, (0.0,) * 4, momentum)
-    values, marks = plan.values, sum(len(marks) for _, marks in plan.monitors.running)
+    marks = sum(len(marks) for _, marks in plan.monitors.running)
     width = values + 2 * marks
     evaluated = evaluate(formula, width, np.stack(np.broadcast_arrays(*columns)), threads=1)
     return evaluated[:values], evaluated[values : values + marks], evaluated[values + marks :]

@@ -57,7 +57,7 @@ def moved(run, change=None, at_once=0):
     program = make_program(plan, derivatives=Derivatives(at_once, passes))
     rows = run.initial(0, MEMBERS)[0]
     block = rows if change is None else np.concatenate([rows, *change])
-    out = np.full((plan.grid.saves, plan.values, 1 + columns, MEMBERS), np.nan)
+    out = np.full((plan.grid.saves, run.layout.values, 1 + columns, MEMBERS), np.nan)
     grid, order = plan.grid, np.arange(MEMBERS)
     slots = int(rows[layout.STEPS].max()) if plan.has_member_steps else 1
     steps = StepRange(

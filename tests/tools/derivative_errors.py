@@ -233,7 +233,7 @@ def differences(
     saves = saves.reshape(*saves.shape[:2], len(steps), len(weights), MEMBERS)
     rates = np.einsum("tvpkm,k->ptvm", saves, list(weights.values()))
     return {
-        name: {saved: each[:, rows] / h for saved, rows in run.plan.saved.items()}
+        name: {saved: each[:, rows] / h for saved, rows in run.layout.saved.items()}
         for (name, h), each in zip(steps.items(), rates, strict=True)
     }
 
@@ -249,7 +249,7 @@ def values_at_saves(run: rm.PreparedRun, scenes: list[rm.Scene]) -> Any:
     rows, count = block.shape
     whole = np.zeros((rows * program.copies, count))
     whole[:rows] = block
-    out = np.empty((plan.grid.saves, plan.values, program.copies, count))
+    out = np.empty((plan.grid.saves, run.layout.values, program.copies, count))
     noise = noise_keys(plan.model.effects, plan.run.seed, np.tile(np.arange(MEMBERS), len(scenes)))
     steps = StepRange(
         grid.dt, 1, grid.stride, grid.steps, 0, 0, grid.steps, grid.head, grid.last_dt

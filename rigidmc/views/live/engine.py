@@ -134,7 +134,7 @@ def engine_data(live: LiveRun, members: int) -> dict[str, Any]:
         "width": live.block.shape[1],
         "members": members,
         "lanes": LANES,
-        "values": live.run.plan.values,
+        "values": live.run.layout.values,
         "status": layout.STATUS,
         "rows": {
             "attitude": layout.ATTITUDE,
