@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.compiler.memory import allocate_block
 from rigidmc.engine.kernel import layout
+from rigidmc.engine.machine import allocate_block
 from rigidmc.engine.program import Program
 from rigidmc.engine.threads import run_blocks
 from rigidmc.errors import OptionError
