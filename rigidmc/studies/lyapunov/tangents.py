@@ -22,7 +22,6 @@ from rigidmc.engine.program import Program
 from rigidmc.engine.program_spec import Derivatives
 from rigidmc.engine.threads import run_blocks
 from rigidmc.errors import OptionError
-from rigidmc.planning.initial import noise_keys
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import order_by_steps, rate_bounds
 from rigidmc.runs.assemble import make_program
@@ -222,7 +221,7 @@ def compute_members(
             members=members,
             start={},
             program=TangentProgram(program, scale, kept),  # type: ignore[arg-type]  # only `through`
-            noise=noise_keys(plan.model.effects, plan.run.seed, members),
+            noise=plan.noise(members),
             block=block,
             order=order,
             out=np.empty(0),
