@@ -136,8 +136,8 @@ def angles(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
 
 
 def _is_within_a_turn(t: Floats, attitude: Floats) -> bool:
-    """Whether phi and psi minus their mean rates stay within a turn. Rates that change, as those of
-    a damped top, leave many turns, beside which theta in the same axes would be a straight line."""
+    """Whether phi and psi minus their mean rates stay within a turn. The rates of a damped top
+    change, and leave many turns, beside which theta in the same axes would be a straight line."""
     rests = [without_mean_rate(t, angle)[0] for angle in euler_curves(attitude)[1:]]
     return all(np.nanmax(rest) - np.nanmin(rest) < 2.0 * np.pi for rest in rests)
 
