@@ -13,7 +13,7 @@ from rigidmc.runs.prepare import prepare_scene
 from rigidmc.runs.segments import SegmentedRun
 from rigidmc.studies.framework import tasks
 from rigidmc.studies.framework.variables import describe
-from rigidmc.studies.rare import splitting, subsets
+from rigidmc.studies.rare import methods
 from rigidmc.studies.rare.picture import rare_curve
 from rigidmc.studies.rare.score import make_score
 from rigidmc.studies.rare.study import RareOptions, rare, reduce, table
@@ -41,7 +41,7 @@ def test_walks_keep_the_condition(monkeypatch):
         z = made.normals(members, "broken", number)
         return z, made.scores(z), pace
 
-    monkeypatch.setattr(subsets, "_walked", taken)
+    monkeypatch.setattr(methods, "_walked", taken)
     broken = rare(spun(), f"p(omega_max[3] >= {norm.isf(1e-6):.17g})", 1e-12, 400, 4)
     assert not 1e-7 < float(broken.p) < 1e-5
 
@@ -142,7 +142,7 @@ def test_splitting(monkeypatch):
             self.scores[:, parents],
         )
 
-    monkeypatch.setattr(splitting.SplittingPaths, "branch", copies)
+    monkeypatch.setattr(methods.SplittingPaths, "branch", copies)
     broken = rare(bathed(), of, 1e-9, 300, 8)
     assert float(broken.p) == 0.0 or not broken.p_low < p < broken.p_high
 
@@ -226,7 +226,7 @@ def test_members_without_room_are_refused():
 def test_members_may_branch_at_the_end():
     """Parents that pass a level in the last part of the run: their copies have nothing to go."""
     scene, score = make_score(bathed(), f"p(omega_max[3] >= {LEVEL:.17g})")
-    paths = splitting.SplittingPaths(SegmentedRun(scene.with_run(seed=1), 8, 1), score, 40)
+    paths = methods.SplittingPaths(SegmentedRun(scene.with_run(seed=1), 8, 1), score, 40)
     paths.scores[:-1], paths.scores[-1] = -1.0, 1.0
     paths.branch(np.array([0, 1]), np.array([5, 6]), 0.5)
     assert np.array_equal(paths.states[:, :2], paths.states[:, 5:7])

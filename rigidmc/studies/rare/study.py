@@ -71,9 +71,8 @@ from rigidmc.studies.framework.options import Options, confidence_option, option
 from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.tasks import Tasks
 from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
+from rigidmc.studies.rare.methods import FEWER, KEPT, KILLED, PARTS, descend, split
 from rigidmc.studies.rare.score import is_noisy, make_score
-from rigidmc.studies.rare.splitting import FEWER, KILLED, PARTS, split
-from rigidmc.studies.rare.subsets import KEPT, descend
 
 WIDE = 1.0  # spread of the repetitions / their mean, above which the interval covers less
 LEAST = 20  # members of a repetition: two of them pass a level

@@ -21,7 +21,7 @@ from rigidmc.scene.distributions import normal, uniform
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.scene.vector_distributions import Cone, Shell
-from rigidmc.studies.stability_map.case import MapCase, MapTheory
+from rigidmc.studies.stability_map.question import MapCase, MapTheory
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]

@@ -26,8 +26,8 @@ from rigidmc.results.labels import (
     with_degrees,
     with_units,
 )
-from rigidmc.studies.stability_map.case import MapCase
 from rigidmc.studies.stability_map.cases import MAPS
+from rigidmc.studies.stability_map.question import MapCase
 from rigidmc.views.figures import ALARM, GREY, MEDIAN, Scale, colour_scale, new_figure
 
 BLANK = "#dddddd"  # pixels without a value of the measure
