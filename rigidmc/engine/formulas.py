@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.engine.compile_time import announce_compiling
 from rigidmc.engine.compiler.compose import NumbaError, compile_method, inline, inline_all
-from rigidmc.engine.compiler.derivatives import change_of, moving
+from rigidmc.engine.compiler.derivatives import changes_of, first_values, moving, moving_each
 from rigidmc.engine.compiler.frozen import frozen
 from rigidmc.engine.compiler.intrinsics import intrinsic
 from rigidmc.engine.compiler.kernels import (
@@ -32,7 +32,6 @@ from rigidmc.engine.compiler.kernels import (
 from rigidmc.engine.compiler.memory import put_rows
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
 from rigidmc.engine.inspection import compilation_error, refuse_uncompilable
-from rigidmc.engine.kernel.events import first_values, moving_each
 from rigidmc.engine.machine import threads_available
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties, scaled
 from rigidmc.physics.dynamics.methods import method
@@ -285,13 +284,6 @@ def begin_all(running, body, effects, t, q, l):
         return ()
     first = begin(running[0], body, effects, t, q, l)
     return first + begin_all(running[1:], body, effects, t, q, l)
-
-
-def changes_of(numbers):
-    """Return the only derivative of each number."""
-    if len(numbers) == 0:
-        return ()
-    return (change_of(numbers[0]),) + changes_of(numbers[1:])
 
 
 inline_all(sys.modules[__name__])

@@ -42,11 +42,7 @@ from rigidmc.engine.program_spec import Derivatives, ProgramSpec
 from rigidmc.physics.dynamics.methods import flag, implements, static_count
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import takes_noise
-from rigidmc.physics.integrators.protocol import (
-    changes_state_form,
-    interleaving,
-    stepping_form,
-)
+from rigidmc.physics.integrators.protocol import changes_state_form, interleaving, stepping_form
 from rigidmc.physics.observables.protocol import size
 from rigidmc.processes.threads import Late, is_late
 
@@ -253,11 +249,7 @@ class Program:
         return "one thread", f"{threads} threads"
 
     def through(
-        self,
-        block: NDArray[np.float64],
-        steps: StepRange,
-        noise: NoiseKeys,
-        saves: SaveTarget,
+        self, block: NDArray[np.float64], steps: StepRange, noise: NoiseKeys, saves: SaveTarget
     ) -> Generator[int, bool | None, None]:
         """Run `advance` by calls of at most 60 ms; yield the step after each of them.
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.events import event_record
 from rigidmc.engine.kernel.layout import (
     EVENT_ROWS,
     RECORDED,
@@ -34,6 +33,7 @@ from rigidmc.physics.observables import bind, dimensions, outputs
 from rigidmc.physics.observables.protocol import (
     EnsembleObservable,
     Event,
+    EventRecord,
     Growth,
     NoiseSum,
     Running,
@@ -185,6 +185,16 @@ def _needs_attitude(effects: Sequence[Any], recording: Recording, monitors: Moni
             for kind in monitors.events
         )
     )
+
+
+def event_record(rows: Any, healthy: NDArray[np.bool_]) -> EventRecord:
+    """Return the EventRecord from rows of a block; nan for members that are not healthy."""
+    count = np.where(healthy, rows[layout.COUNT], np.nan)
+    never = ~(count > 0.0)
+    times = rows[layout.TIMES], rows[layout.TIMES + 1], rows[layout.RECORDS]
+    first, last, step_end = (np.where(never, np.nan, x) for x in times)
+    linear = rows[layout.TAU], rows[layout.FIRST_TAU], rows[layout.SQUARES]
+    return EventRecord(count, first, last, *linear, step_end)
 
 
 def results(

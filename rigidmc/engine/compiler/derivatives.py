@@ -103,6 +103,27 @@ def _change_of(typing_context, x):
     return x.vector(x), lambda context, builder, sig, args: tangents_of(builder, x, args[0])[0]
 
 
+def first_values(numbers):
+    """Return a tuple of numbers without their derivatives."""
+    if len(numbers) == 0:
+        return ()
+    return (without_derivatives(numbers[0]),) + first_values(numbers[1:])
+
+
+def moving_each(numbers, changes):
+    """Return a tuple of numbers, each with its change as its only derivative."""
+    if len(numbers) == 0:
+        return ()
+    return (moving(numbers[0], changes[0]),) + moving_each(numbers[1:], changes[1:])
+
+
+def changes_of(numbers):
+    """Return the changes of numbers."""
+    if len(numbers) == 0:
+        return ()
+    return (change_of(numbers[0]),) + changes_of(numbers[1:])
+
+
 def _nearest_integer(x):
     return nearest_integer(without_derivatives(x))
 

@@ -174,34 +174,60 @@ def _simplified(code: Any, arguments: tuple[Any, ...]) -> Any:
     return code
 
 
-_NAMED_TUPLE: Any = types.BaseNamedTuple  # as Any: Numba's stubs lack its fields
-
-
-def fold_lengths(code: Any, kinds: tuple[Any, ...]) -> None:
-    """Replace len(argument.field) by its number, which the type of a NamedTuple has.
-
-    Numba does so for len(argument): flags may then be fields of a record.
-    """
-    for block in code.blocks.values():
-        for statement in block.find_insts(ir.Assign):
-            call = statement.value
-            if not isinstance(call, ir.Expr) or call.op != "call" or len(call.args) != 1:
-                continue
-            called, field = (guard(get_definition, code, x) for x in (call.func, *call.args))
-            if getattr(called, "value", None) is not len or getattr(field, "op", "") != "getattr":
-                continue
-            owner = guard(get_definition, code, field.value)
-            kind: Any = kinds[owner.index] if isinstance(owner, ir.Arg) else None
-            if isinstance(kind, _NAMED_TUPLE):
-                size = ir.Const(len(tuple(kind)[kind.fields.index(field.attr)]), statement.loc)
-                code._definitions[statement.target.name] = [size]
-                statement.value = size
-
-
 def _prune(code: Any, arguments: tuple[Any, ...]) -> None:
     if len(code.blocks) > 1:
-        fold_lengths(code, arguments)
-        dead_branch_prune(code, arguments)
+        dead_branch_prune(code, arguments)  # first: an untaken side may have no types
+        if fold_lengths(code, arguments):
+            dead_branch_prune(code, arguments)
+
+
+_TUPLE: Any = types.BaseTuple  # as Any: Numba's stubs lack the items of tuples
+
+
+def fold_lengths(code: Any, arguments: tuple[Any, ...]) -> bool:
+    """Replace len(x) by its number where the type of x follows from those of the arguments.
+
+    Numba does so if x is an argument. Here it may also be a field or an item of one, or the result
+    of a call with such values. Return whether anything has changed.
+    """
+    has_changed = False
+    for statement in [x for block in code.blocks.values() for x in block.find_insts(ir.Assign)]:
+        call = statement.value
+        if not isinstance(call, ir.Expr) or call.op != "call" or len(call.args) != 1:
+            continue
+        called, value = (guard(get_definition, code, x) for x in (call.func, *call.args))
+        if getattr(called, "value", None) is len and isinstance(value, ir.Expr):
+            kind = _type_of(code, arguments, value)
+            if isinstance(kind, _TUPLE):
+                statement.value = ir.Const(len(kind), statement.loc)
+                code._definitions[statement.target.name] = [statement.value]
+                has_changed = True
+    return has_changed
+
+
+def _type_of(code: Any, arguments: tuple[Any, ...], value: Any) -> Any:
+    """Return the type of a value that follows from the types of the arguments, else None."""
+
+    def defined(variable: Any) -> Any:
+        return guard(get_definition, code, variable)
+
+    if isinstance(value, ir.Arg):
+        return arguments[value.index]
+    if not isinstance(value, ir.Expr) or value.op not in ("getattr", "getitem", "call"):
+        return None
+    if value.op == "call":
+        called = getattr(defined(value.func), "value", None)
+        kinds = [_type_of(code, arguments, defined(x)) for x in value.args]
+        if value.kws or value.vararg or not callable(called) or None in kinds:
+            return None
+        typing = cpu_target.typing_context
+        return _signature(typing, typing.resolve_value_type(called), kinds).return_type
+    owner = _type_of(code, arguments, defined(value.value))
+    if value.op == "getattr":
+        fields = getattr(owner, "fields", ())
+        return tuple(owner)[fields.index(value.attr)] if value.attr in fields else None
+    index = getattr(defined(value.index), "value", None)
+    return tuple(owner)[index] if isinstance(owner, _TUPLE) and type(index) is int else None
 
 
 def _assigned(block: Any) -> list[str]:

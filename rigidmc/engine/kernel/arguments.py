@@ -195,18 +195,19 @@ class Workspace(NamedTuple):
     skips_cache: int
 
 
-# The letters of a KernelKey by the names of the arguments of kernels; other arguments are integers.
-_LETTERS = {
-    **dict.fromkeys(("block", "out", "substeps"), "p"),
-    **dict.fromkeys(("state", "spare_state"), "s"),
-    **dict.fromkeys(("work", "spare_work"), "w"),
-    **dict.fromkeys(("key", "second_key"), "k"),
-    "trace": "t", "kept": "d", "streams": "u",
-    **dict.fromkeys(
-        ("duration", "h", "is_planned", "late", "long_until", "longer", "new_slot", "planned",
-         "ratio", "round_start", "rounds_done", "slot", "t"), "f",
-    ),
+# Names of the arguments of kernels by letters of a KernelKey; all other arguments are integers.
+_NAMES = {
+    "p": ("block", "out", "substeps"),
+    "s": ("state", "spare_state"),
+    "w": ("work", "spare_work"),
+    "t": ("trace",),
+    "d": ("kept",),
+    "u": ("streams",),
+    "k": ("key", "second_key"),
+    "f": ("h", "t", "ratio", "longer", "slot", "new_slot", "rounds_done", "round_start",
+          "duration", "long_until", "late", "planned", "is_planned"),
 }  # fmt: skip
+_LETTERS = {name: letter for letter, names in _NAMES.items() for name in names}
 
 
 @cache

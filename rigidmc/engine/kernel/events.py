@@ -17,10 +17,8 @@ the time at which the present dwell began, inf if there is none or if it already
 import math
 import sys
 
-import numpy as np
-
+from rigidmc.engine.compiler import derivatives
 from rigidmc.engine.compiler.compose import inline_all
-from rigidmc.engine.compiler.derivatives import chained, change_of, moving, without_derivatives
 from rigidmc.engine.compiler.intrinsics import any_of, in_precision
 from rigidmc.engine.compiler.memory import four_at, put_rows, shifted, without_tangents
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
@@ -30,28 +28,11 @@ from rigidmc.physics.dynamics.euler import scaled
 from rigidmc.physics.dynamics.so3 import logical_not, select, select_all
 from rigidmc.physics.effects.sums import state_rates
 from rigidmc.physics.integrators.protocol import from_stepping, to_stepping
-from rigidmc.physics.observables.protocol import (
-    EventRecord,
-    armed,
-    counts_at_start,
-    dwell,
-    is_terminal,
-    level,
-)
+from rigidmc.physics.observables.protocol import armed, counts_at_start, dwell, is_terminal, level
 
 # Steps back: three steps of the Illinois method together have order 3, and after five the error is
 # 1e-15 of a step for a smooth level; three more are for levels that are not smooth.
 TRIES = 8
-
-
-def event_record(rows, healthy):
-    """Return the EventRecord from rows of a block; nan for members that are not healthy."""
-    count = np.where(healthy, rows[layout.COUNT], np.nan)
-    never = ~(count > 0.0)
-    times = rows[layout.TIMES], rows[layout.TIMES + 1], rows[layout.RECORDS]
-    first, last, step_end = (np.where(never, np.nan, x) for x in times)
-    linear = rows[layout.TAU], rows[layout.FIRST_TAU], rows[layout.SQUARES]
-    return EventRecord(count, first, last, *linear, step_end)
 
 
 def begin_events(events, body, effects, t, q, l, rows):
@@ -59,7 +40,7 @@ def begin_events(events, body, effects, t, q, l, rows):
     if len(events) == 0:
         return 0
     now = level(events[0], body, effects, t, q, l)
-    count, since = start_counts(dwell(events[0]), counts_at_start(events[0], now), t)
+    count, since = start_counts(events[0], counts_at_start(events[0], now), t)
     # `now != now` is False as a mask of this width: the event was armed in no earlier step.
     first = select(armed(events[0], body, q, l, now, now != now), now, 0.0)
     put_rows((first, count, t, t, since, t, t), rows, layout.LEVEL)  # and the rows up to TIMES
@@ -175,7 +156,10 @@ def count_dwells(events, moves, step, after, now, rows):
     """Count the events whose dwell is long enough by the end of an interval."""
     if len(events) == 0:
         return 0
-    count_dwell(dwell(events[0]), moves, step, after, now[0], rows)
+    wait = dwell(events[0])
+    if len(wait) > 0:
+        t = step.t - after * step.h
+        count_if_lasted(wait, moves & (now[0] >= 0.0), t, step, rows)
     return count_dwells(events[1:], moves, step, after, now[1:], following(rows))
 
 
@@ -193,20 +177,16 @@ def record_events(events, moves, step, befores, before, after, now, rows):
     if len(events) == 0:
         return 0
     hit = has_happened(before[0], now[0]) & moves
-    wait = dwell(events[0])
-    record_event(wait, events[0], hit, step, befores[0], before[0], after, now[0], rows)
+    record_event(events[0], hit, step, befores[0], before[0], after, now[0], rows)
     return record_events(
         events[1:], moves, step, befores[1:], before[1:], after, now[1:], following(rows)
     )
 
 
-def record_event(wait, event, hit, step, start_back, before, after, now, rows):
-    """Record an event for the members in the mask `hit`; other arguments as in `record_events`.
-
-    wait : `dwell` of the event, () if it counts when its level passes through 0
-    """
-    if len(wait) > 0:
-        return record_dwell(wait, event, hit, step, start_back, before, after, now, rows)
+def record_event(event, hit, step, start_back, before, after, now, rows):
+    """Record an event for the members in the mask `hit`; other arguments as in `record_events`."""
+    if len(dwell(event)) > 0:
+        return record_dwell(dwell(event), event, hit, step, start_back, before, after, now, rows)
     t, h, q, l = step.t, step.h, step.q, step.l
     # Linear interpolation here: the exact time is found once, after the run, only for the first and
     # the last event.
@@ -263,7 +243,7 @@ def refine_event(
         torque_time = t + back_step + substeps[3] * back_step
         q, l = from_stepping(integrator, body, present, torque_time, substep, q, l)
         level_here = level_at(events, record // 2, body, present, t + back_step, q, l)
-        here = without_derivatives(level_here)
+        here = derivatives.without_derivatives(level_here)
         bracket = shrink_bracket(four_at(spare, layout.BRACKET), fraction, here)
         keep_time_change(
             derived, effects, events, axes, record // 2, t + back_step, h, q, l, level_here, work,
@@ -294,30 +274,18 @@ def keep_time_change(
         return 0
     plain = without_tangents(work)
     body, present = layout.observed_body_and_effects(effects, axes, plain, axes_row)
-    q, l = first_values(q), first_values(l[:3])
+    q, l = derivatives.first_values(q), derivatives.first_values(l[:3])
     dq, dl = state_rates(scaled(body, h), present, body, t, h, q, l)
-    q, l = moving_each(q, dq), moving_each(l, dl)
-    rate = change_of(level_at(events, index, body, present, moving(t, h), q, l))
+    q, l = derivatives.moving_each(q, dq), derivatives.moving_each(l, dl)
+    rate = derivatives.change_of(
+        level_at(events, index, body, present, derivatives.moving(t, h), q, l)
+    )
     # no time depends on a parameter if there is no event, if it is that of the start, or if its
     # level stands still
     has_happened_once = without_tangents(event_rows)[layout.COUNT] > 0.0
     is_timed = (rate != 0.0) & has_happened_once & logical_not(at_start)
-    event_rows[place] = chained(level_here, t, -h / select(is_timed, rate, math.inf))
+    event_rows[place] = derivatives.chained(level_here, t, -h / select(is_timed, rate, math.inf))
     return 0
-
-
-def first_values(numbers):
-    """Return a tuple of numbers without their derivatives."""
-    if len(numbers) == 0:
-        return ()
-    return (without_derivatives(numbers[0]),) + first_values(numbers[1:])
-
-
-def moving_each(numbers, changes):
-    """Return a tuple of numbers, each with its change as its only derivative."""
-    if len(numbers) == 0:
-        return ()
-    return (moving(numbers[0], changes[0]),) + moving_each(numbers[1:], changes[1:])
 
 
 def level_at(events, index, body, effects, t, q, l):
@@ -334,9 +302,9 @@ def level_at(events, index, body, effects, t, q, l):
 DWELL_TRIES = 4
 
 
-def start_counts(wait, there, t):
+def start_counts(event, there, t):
     """Return (count, DWELL_START) of an event; there : whether it counts at the start."""
-    if len(wait) == 0:
+    if len(dwell(event)) == 0:
         return select(there, 1.0, 0.0), 0.0
     return 0.0, select(there, t, math.inf)
 
@@ -370,16 +338,6 @@ def crossing_time(dense, event, step, start_back, before, after, now):
         bracket = shrink_bracket(bracket, x, level_here)
         x = interpolate_root(bracket)
     return time_within(step, x)
-
-
-def count_dwell(wait, moves, step, after, now, rows):
-    """Count a dwell as soon as it is long enough.
-
-    after, now : the fraction of the step after the present state, and the level there
-    """
-    if len(wait) == 0:
-        return 0
-    return count_if_lasted(wait, moves & (now >= 0.0), step.t - after * step.h, step, rows)
 
 
 def count_if_lasted(wait, beyond, t, step, rows):

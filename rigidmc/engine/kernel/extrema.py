@@ -25,7 +25,7 @@ from rigidmc.physics.dynamics.so3 import (
     select_all,
     touch_up,
 )
-from rigidmc.physics.observables.protocol import armed, dwell, extrema, extremum_limits, update
+from rigidmc.physics.observables.protocol import armed, extrema, extremum_limits, update
 from rigidmc.physics.observables.statistics import rest
 
 # How far a minimum may lie below its estimate, in units of the change of the slope: for an estimate
@@ -264,19 +264,15 @@ def update_running(running, k, found, step, x, q, l, totals):
     """Return the states of running observables after an extremum of their number k."""
     if len(running) == 0:
         return ()
-    observable, limits = running[0][0], extremum_limits(running[0][0], totals[0])
-    first = update_one(limits, observable, k, found, step, x, q, l, totals[0])
-    return (first,) + update_running(running[1:], k - len(limits), found, step, x, q, l, totals[1:])
-
-
-def update_one(limits, observable, k, found, step, x, q, l, totals):
-    """Return the state of one running observable, updated if number k is among its own."""
+    limits, first = extremum_limits(running[0][0], totals[0]), totals[:1]
+    others = update_running(running[1:], k - len(limits), found, step, x, q, l, totals[1:])
     if len(limits) == 0:
-        return totals
+        return first + others
     if k >= 0 and k < len(limits):
-        new = update(observable, totals, step.body, step.effects, time_within(step, x), q, l)
-        totals = select_all(found, new, totals)
-    return totals
+        t = time_within(step, x)
+        new = update(running[0][0], totals[0], step.body, step.effects, t, q, l)
+        first = (select_all(found, new, totals[0]),)
+    return first + others
 
 
 def record_extremum(events, k, found, step, x, q, l, befores, levels, rows):
@@ -290,8 +286,8 @@ def record_extremum(events, k, found, step, x, q, l, befores, levels, rows):
     if k == 0:
         level = levels_of(events[:1], step.body, step.effects, time_within(step, x), q, l)[0]
         hit = found & (level * start <= 0.0) & (start != 0.0)
-        start_back, wait = (before, widened), dwell(events[0])
-        record_event(wait, events[0], hit, step, start_back, start, (1.0 - x, 0.0), level, rows)
+        start_back = before, widened
+        record_event(events[0], hit, step, start_back, start, (1.0 - x, 0.0), level, rows)
         restarts = hit | (found & (start == 0.0))
         rearmed = select(armed(events[0], step.body, q, l, level, level != level), level, 0.0)
         before, widened = select(restarts, 1.0 - x, before), select(restarts, 0.0, widened)

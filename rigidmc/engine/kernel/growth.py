@@ -12,12 +12,11 @@ import math
 import sys
 
 from rigidmc.engine.compiler.compose import inline_all
-from rigidmc.engine.compiler.derivatives import change_of
+from rigidmc.engine.compiler.derivatives import changes_of, first_values, moving_each
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
 from rigidmc.engine.compiler.memory import four_at, put_rows, three_at, tuple_at
 from rigidmc.engine.compiler.trees import tree_unpack
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.events import first_values, moving_each
 from rigidmc.physics.dynamics.euler import kinetic_energy
 from rigidmc.physics.dynamics.functions import logarithm
 from rigidmc.physics.dynamics.so3 import dot, first_three, scale, select
@@ -121,13 +120,6 @@ def opening_after(substeps, work, slot):
     """Return (time of the torque, times of row 0) for a state after `slot` steps of a round."""
     h, done = work[layout.STEP_LENGTH], min(work[layout.MEMBER_STEPS], slot)
     return work[layout.ROUND_START] + (done + substeps[3]) * h, layout.opening_substep(substeps, h)
-
-
-def changes_of(numbers):
-    """Return the changes of numbers."""
-    if len(numbers) == 0:
-        return ()
-    return (change_of(numbers[0]),) + changes_of(numbers[1:])
 
 
 inline_all(sys.modules[__name__])

@@ -12,12 +12,12 @@ import sys
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
 from rigidmc.engine.compiler.memory import put_rows, tuple_at, without_tangents
-from rigidmc.engine.compiler.trees import tree_size, tree_unpack
+from rigidmc.engine.compiler.trees import tree_unpack
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.member import state_in_double
 from rigidmc.engine.kernel.running import put_states, states_at
 from rigidmc.physics.dynamics.so3 import concat, first_three
-from rigidmc.physics.integrators.protocol import extra_state, from_stepping, to_stepping
+from rigidmc.physics.integrators.protocol import from_stepping, to_stepping
 from rigidmc.physics.observables.protocol import reweighed
 
 
@@ -31,9 +31,9 @@ def change_length(
     """
     integrator, effects, compensated, work_flags = tree_unpack(tree, numbers)
     body, present = layout.body_and_effects(effects, work)
-    row = layout.extra_row(extra_state(integrator), layout.EFFECTS_AT + tree_size(effects))
+    row = layout.extra_row(integrator, effects)
     q, l = state_in_double(state, work, compensated)
-    extra = tuple_at(layout.extra_flags(extra_state(integrator), work_flags), state, row)
+    extra = tuple_at(layout.extra_flags(integrator, work_flags), state, row)
     l = concat(l, in_precision(extra, work))
     times = without_tangents(work)
     old_h, steps_done = times[layout.STEP_LENGTH], min(times[layout.MEMBER_STEPS], slot)

@@ -23,7 +23,7 @@ from rigidmc.engine.compiler.memory import (
     three_at,
     tuple_at,
 )
-from rigidmc.engine.compiler.trees import tree_unflatten
+from rigidmc.engine.compiler.trees import tree_size, tree_unflatten
 from rigidmc.physics.dynamics.body_axes import with_axes
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import Flag
@@ -248,21 +248,20 @@ def put_state(q, l, state, compensated, row):
     return 0
 
 
-def extra_flags(keeps, work_flags):
+def extra_flags(integrator, work_flags):
     """Return a tuple as long as the numbers after L in a state without remainders.
 
     These are the extra state of the integrator, else the works, from `extra_row` on.
     """
-    if len(keeps) == 0:
+    if len(extra_state(integrator)) == 0:
         return work_flags
-    return keeps
+    return extra_state(integrator)
 
 
-def extra_row(keeps, work_row):
-    """Return the row of a state at which the extra numbers begin; work_row : the first row of the
-    works."""
-    if len(keeps) == 0:
-        return work_row
+def extra_row(integrator, effects):
+    """Return the row of a state at which these numbers begin; works follow the effects."""
+    if len(extra_state(integrator)) == 0:
+        return EFFECTS_AT + tree_size(effects)
     return EXTRA
 
 
@@ -274,15 +273,11 @@ def momentum_at(integrator, state):
 def put_stepping(q, l, state):
     """Write a state in stepping form, with remainders of sums 0."""
     put_rows(q + first_three(l), state, ATTITUDE)
-    put_rows(extra_numbers(0.0 * l[0], l[3:]), state, EXTRA)
+    if len(l) == 3:
+        zero = 0.0 * l[0]
+        put_rows((zero, zero, zero, zero, zero, zero, zero), state, EXTRA)
+    put_rows(l[3:], state, EXTRA)
     return 0
-
-
-def extra_numbers(zero, keeps):
-    """Return the seven numbers after q and L: extra state of the integrator, or no remainders."""
-    if len(keeps) == 0:
-        return zero, zero, zero, zero, zero, zero, zero
-    return keeps
 
 
 def whole_lanes(count: int) -> int:

@@ -14,16 +14,9 @@ import numpy as np
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
-from rigidmc.engine.compiler.memory import (
-    group_of,
-    of_body,
-    of_effects,
-    put_rows,
-    without_tangents,
-)
+from rigidmc.engine.compiler.memory import group_of, of_body, of_effects, put_rows, without_tangents
 from rigidmc.engine.compiler.trees import (
     noise_of,
-    tree_size,
     tree_unflatten,
     tree_unpack,
     with_noise,
@@ -33,7 +26,7 @@ from rigidmc.engine.kernel.member import next_attitude
 from rigidmc.engine.kernel.noise import normal_deviates
 from rigidmc.physics.dynamics.functions import as_word
 from rigidmc.physics.dynamics.so3 import first_three, value_of
-from rigidmc.physics.integrators.protocol import extra_state, precompute, step
+from rigidmc.physics.integrators.protocol import precompute, step
 
 
 def march(
@@ -49,8 +42,8 @@ def march(
     """
     parts = tree_unpack(tree, numbers)
     integrator, effects, attitude, compensated, work_flags, groups, several, paired = parts
-    extra = layout.extra_flags(extra_state(integrator), work_flags)
-    row = layout.extra_row(extra_state(integrator), layout.EFFECTS_AT + tree_size(effects))
+    extra = layout.extra_flags(integrator, work_flags)
+    row = layout.extra_row(integrator, effects)
     states = load_groups(groups, groups, 0, compensated, extra, row, state)
     fixed = make_constants(integrator, effects, substeps, states, groups, 0, state, work)
     the_substep = substep_at(1, substeps)
@@ -195,20 +188,12 @@ def with_deviates(effects, key, member, number, streams, i, state, paired):
     """
     if len(effects) == 0:
         return ()
-    noise = noise_of(effects[0])
-    first = draw_deviates(effects[0], noise, key, member, number, streams, i, state, paired)
-    i += len(noise) > 0
-    return (first,) + with_deviates(effects[1:], key, member, number, streams, i, state, paired)
-
-
-def draw_deviates(effect, noise, key, member, number, streams, i, state, paired):
-    """Return an effect with a member's deviates for a step from stream i, if random."""
-    # Numba knows this length before it compiles the rest: code that draws deviates is slow to
-    # compile, and effects without noise need not wait for it.
-    if len(noise) == 0:
-        return effect
+    if len(noise_of(effects[0])) == 0:
+        others = with_deviates(effects[1:], key, member, number, streams, i, state, paired)
+        return effects[:1] + others
+    others = with_deviates(effects[1:], key, member, number, streams, i + 1, state, paired)
     three = normal_deviates(paired, key, as_word(member), number, streams[i])
-    return with_noise(effect, in_precision(three, state))
+    return (with_noise(effects[0], in_precision(three, state)),) + others
 
 
 inline_all(sys.modules[__name__])

@@ -54,7 +54,7 @@ from rigidmc.physics.effects.sums import (
     total_energy_scale,
     untracked_work,
 )
-from rigidmc.physics.integrators.protocol import extra_state, from_stepping, to_stepping
+from rigidmc.physics.integrators.protocol import from_stepping, to_stepping
 from rigidmc.physics.observables.protocol import observed
 
 UNLIMITED = 1e300  # steps of a round, for members without their own number
@@ -139,7 +139,7 @@ def initialise(tree, numbers, substeps, state, work):
     t, substep = times[layout.ROUND_START] + substeps[3] * h, layout.opening_substep(substeps, h)
     q, l = to_stepping(integrator, body, present, t, substep, q, l)
     put_rows(in_precision(q + first_three(l), state), state, layout.ATTITUDE)
-    row = layout.extra_row(extra_state(integrator), layout.EFFECTS_AT + tree_size(effects))
+    row = layout.extra_row(integrator, effects)
     put_rows(in_precision(l[3:], state), state, row)
     return 0
 
@@ -166,8 +166,8 @@ def assess(tree, numbers, substeps, state, work, rounds_done, slot, late, planne
     # In float64, whatever the precision of the steps: in float32 the energy itself is rounded by
     # 6e-8, more than the drifts to be seen.
     q, l = state_in_double(state, work, compensated)
-    extra = layout.extra_flags(extra_state(integrator), work_flags)
-    row = layout.extra_row(extra_state(integrator), work_row)
+    extra = layout.extra_flags(integrator, work_flags)
+    row = layout.extra_row(integrator, effects)
     l = concat(l, in_precision(tuple_at(extra, state, row), work))
     t = times[layout.ROUND_START] + (steps_done + substeps[3]) * h
     q, l = from_stepping(integrator, body, present, t, layout.opening_substep(substeps, h), q, l)

@@ -24,9 +24,8 @@ from rigidmc.engine.compiler.memory import picked_rows, put_rows
 from rigidmc.engine.compiler.trees import tree_unflatten
 from rigidmc.engine.kernel.extrema import PARABOLA_DOUBT
 from rigidmc.physics.dynamics.functions import as_float, as_word
-from rigidmc.physics.dynamics.methods import OFF
+from rigidmc.physics.dynamics.methods import OFF, ON
 from rigidmc.physics.dynamics.so3 import select, select_all
-from rigidmc.physics.effects.sums import either
 from rigidmc.physics.observables.protocol import (
     begin,
     extremum_limits,
@@ -78,24 +77,19 @@ def update_averages(running, moves, step, t, q, l, totals):
     """Do the same as `update_states`, only for means over time."""
     if len(running) == 0:
         return ()
-    first = update_average(
-        is_time_average(running[0][0]), running[0][0], moves, step, t, q, l, totals[0]
-    )
-    return (first,) + update_averages(running[1:], moves, step, t, q, l, totals[1:])
-
-
-def update_average(averages, observable, moves, step, t, q, l, totals):
-    """Return the state of one running observable, updated if it is a mean."""
-    if len(averages) == 0:
-        return totals
-    return select_all(moves, update(observable, totals, step.body, step.effects, t, q, l), totals)
+    others = update_averages(running[1:], moves, step, t, q, l, totals[1:])
+    if len(is_time_average(running[0][0])) == 0:
+        return totals[:1] + others
+    return update_states(running[:1], moves, step, t, q, l, totals[:1]) + others
 
 
 def any_averages(running):
     """Return ON if any running observable is a mean over time."""
     if len(running) == 0:
         return OFF
-    return either(is_time_average(running[0][0]), any_averages(running[1:]))
+    if len(is_time_average(running[0][0])) == 0:
+        return any_averages(running[1:])
+    return ON
 
 
 def note_step(deferred, notes, running, moves, totals, levels, before, now, kept, row):
@@ -154,30 +148,18 @@ def keep_states(running, totals, kept, row):
     """Write the states of all running observables with extrema to `kept`; return the next row."""
     if len(running) == 0:
         return row
-    row = keep_state(extremum_limits(running[0][0], totals[0]), totals[0], kept, row)
-    return keep_states(running[1:], totals[1:], kept, row)
-
-
-def keep_state(limits, total, kept, row):
-    """Write the state of one observable, unless it has no extrema; return the next row."""
-    if len(limits) == 0:
-        return row
-    return put_rows(total, kept, row)
+    if len(extremum_limits(running[0][0], totals[0])) == 0:
+        return keep_states(running[1:], totals[1:], kept, row)
+    return keep_states(running[1:], totals[1:], kept, put_rows(totals[0], kept, row))
 
 
 def kept_rows(running, totals):
     """Return the number of rows that `keep_states` writes."""
     if len(running) == 0:
         return 0
-    first = kept_count(extremum_limits(running[0][0], totals[0]), totals[0])
-    return first + kept_rows(running[1:], totals[1:])
-
-
-def kept_count(limits, total):
-    """Return the number of rows that `keep_state` writes."""
-    if len(limits) == 0:
-        return 0
-    return len(total)
+    if len(extremum_limits(running[0][0], totals[0])) == 0:
+        return kept_rows(running[1:], totals[1:])
+    return len(totals[0]) + kept_rows(running[1:], totals[1:])
 
 
 def kept_states(running, totals, kept, index, row):
@@ -187,17 +169,10 @@ def kept_states(running, totals, kept, index, row):
     """
     if len(running) == 0:
         return ()
-    limits = extremum_limits(running[0][0], totals[0])
-    first = kept_state(limits, totals[0], kept, index, row)
-    row += kept_count(limits, totals[0])
-    return (first,) + kept_states(running[1:], totals[1:], kept, index, row)
-
-
-def kept_state(limits, total, kept, index, row):
-    """Return the state of one observable."""
-    if len(limits) == 0:
-        return total
-    return picked_rows(total, kept, index, row)
+    if len(extremum_limits(running[0][0], totals[0])) == 0:
+        return totals[:1] + kept_states(running[1:], totals[1:], kept, index, row)
+    first, later = picked_rows(totals[0], kept, index, row), row + len(totals[0])
+    return (first,) + kept_states(running[1:], totals[1:], kept, index, later)
 
 
 def merge_states(running, where, totals, without, inserted):

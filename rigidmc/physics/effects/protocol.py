@@ -272,18 +272,13 @@ class NoEffect(NamedTuple):
         return l
 
 
-def effect_or_none(keeps, effect):
-    """Return the effect, or NoEffect if the flag is OFF."""
-    if len(keeps) == 0:
-        return NoEffect()
-    return effect
-
-
 def masked_effects(effects, mask):
     """Return the effects, with NoEffect in each place where `mask` has OFF."""
     if len(effects) == 0:
         return ()
-    return (effect_or_none(mask[0], effects[0]),) + masked_effects(effects[1:], mask[1:])
+    if len(mask[0]) == 0:
+        return (NoEffect(),) + masked_effects(effects[1:], mask[1:])
+    return effects[:1] + masked_effects(effects[1:], mask[1:])
 
 
 def shape(cls: Effect | type[Effect], field: str) -> int | None:

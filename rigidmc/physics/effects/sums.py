@@ -10,7 +10,7 @@ potential energy that accounts for its work.
 """
 
 from rigidmc.physics.dynamics.euler import add_free_change, angular_velocity, half_rotation
-from rigidmc.physics.dynamics.methods import OFF
+from rigidmc.physics.dynamics.methods import OFF, ON
 from rigidmc.physics.dynamics.so3 import (
     add,
     add_compensated,
@@ -108,31 +108,21 @@ def pay_for_slip(effects, all_effects, body, t, h, q, l, works):
     """
     if len(effects) == 0:
         return ()
-    slip_rate = slip(effects[0], body, t, q, l)
-    first = less_work_along(slip_rate, all_effects, body, t, h, q, l, works[0])
-    return (first,) + pay_for_slip(effects[1:], all_effects, body, t, h, q, l, works[1:])
-
-
-def less_work_along(slip_rate, all_effects, body, t, h, q, l, work):
-    """Return the work of an effect less that of all torques along its `slip`, () for none."""
-    if len(slip_rate) == 0:
-        return work
-    return work - h * dot(total_torque(all_effects, body, t, q, l), slip_rate)
+    others = pay_for_slip(effects[1:], all_effects, body, t, h, q, l, works[1:])
+    rate = slip(effects[0], body, t, q, l)
+    if len(rate) == 0:
+        return works[:1] + others
+    return (works[0] - h * dot(total_torque(all_effects, body, t, q, l), rate),) + others
 
 
 def add_slip(effects, body, t, h, q, l, half):
     """Return half the rotation vector over a time h, with the `slip` of effects added."""
     if len(effects) == 0:
         return half
-    new = add_one_slip(slip(effects[0], body, t, q, first_three(l)), h, half)
-    return add_slip(effects[1:], body, t, h, q, l, new)
-
-
-def add_one_slip(slip_rate, h, half):
-    """Compute `add_slip` for one effect; slip_rate : its angular velocity, () for none."""
-    if len(slip_rate) == 0:
-        return half
-    return axpy(half, 0.5 * h, slip_rate)
+    rate = slip(effects[0], body, t, q, first_three(l))
+    if len(rate) == 0:
+        return add_slip(effects[1:], body, t, h, q, l, half)
+    return add_slip(effects[1:], body, t, h, q, l, axpy(half, 0.5 * h, rate))
 
 
 def kick_by_torques(effects, body, t, h, q, l):
@@ -245,28 +235,18 @@ def has_untracked(untracked):
     """Return ON if an effect has no potential energy, else OFF."""
     if len(untracked) == 0:
         return OFF
-    return either(untracked[0], has_untracked(untracked[1:]))
-
-
-def either(first, second):
-    """Return the first of two flags if it is ON, else the second."""
-    if len(first) == 0:
-        return second
-    return first
+    if len(untracked[0]) == 0:
+        return has_untracked(untracked[1:])
+    return ON
 
 
 def untracked_work(untracked, works):
     """Return the sum of the works of the effects without a potential energy."""
     if len(works) == 0:
         return 0.0
-    return add_if_untracked(untracked[0], works[0], untracked_work(untracked[1:], works[1:]))
-
-
-def add_if_untracked(untracked, work, others):
-    """Return others + work, or others alone if the flag is OFF."""
-    if len(untracked) == 0:
-        return others
-    return work + others
+    if len(untracked[0]) == 0:
+        return untracked_work(untracked[1:], works[1:])
+    return works[0] + untracked_work(untracked[1:], works[1:])
 
 
 def total_abs_work(works):

@@ -46,10 +46,7 @@ class BodyTorque(NamedTuple):
 
 
 @effect(
-    units={"size": "N m"},
-    shapes={"size": 3},
-    limits={"size": _ANY},
-    example=((0.1, -0.2, 0.3),),
+    units={"size": "N m"}, shapes={"size": 3}, limits={"size": _ANY}, example=((0.1, -0.2, 0.3),)
 )
 class SpaceTorque(NamedTuple):
     """A torque that is constant in space.

@@ -22,14 +22,9 @@ from rigidmc.physics.integrators.protocol import (
 )
 
 __all__ = [
-    "INTEGRATORS",
-    "StepScheme",
-    "TurnBounds",
-    "integrators_for",
-    "keeps_remainders",
-    "refusal",
+    "INTEGRATORS", "StepScheme", "TurnBounds", "integrators_for", "keeps_remainders", "refusal",
     "scheme_of",
-]
+]  # fmt: skip
 
 # Each file has a dict INTEGRATORS of its integrators. Lists and legends use this order.
 _FILES = (

@@ -31,7 +31,7 @@ from rigidmc.physics.dynamics.so3 import (
 )
 from rigidmc.physics.effects.sums import add_torques, add_work, push, state_rates
 from rigidmc.physics.integrators.protocol import StepScheme
-from rigidmc.physics.integrators.rk8 import linear_combination
+from rigidmc.physics.integrators.rk8 import linear_combination, rates_at_stage
 
 _START = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
@@ -43,13 +43,11 @@ def compensated_step(body, effects, t, h, state, momentum):
     """
     # Stages start from the value without its remainder, which is below the last digit of a stage.
     start, rates = (value_of(state), value_of(momentum)), scaled(body, h)
+    fixed = start, rates, effects, body, t, h
     k1 = state_rates(rates, effects, body, t, h, start[0], start[1])
-    y = linear_combination(start, (0.5,), (k1,))
-    k2 = state_rates(rates, effects, body, t + 0.5 * h, h, y[0], y[1])
-    y = linear_combination(start, (0.5,), (k2,))
-    k3 = state_rates(rates, effects, body, t + 0.5 * h, h, y[0], y[1])
-    y = linear_combination(start, (1.0,), (k3,))
-    k4 = state_rates(rates, effects, body, t + h, h, y[0], y[1])
+    k2 = rates_at_stage(fixed, 0.5, (0.5,), (k1,))
+    k3 = rates_at_stage(fixed, 0.5, (0.5,), (k2,))
+    k4 = rates_at_stage(fixed, 1.0, (1.0,), (k3,))
     # Changes are summed from 0: added to q stage by stage, they would be rounded to its last digit.
     dq, dl = linear_combination(
         _START, (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0), (k1, k2, k3, k4)

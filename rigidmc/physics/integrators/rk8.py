@@ -49,6 +49,16 @@ def linear_combination(y, a, k):
     return linear_combination((axpy4(y[0], a[0], k[0][0]), axpy(y[1], a[0], k[0][1])), a[1:], k[1:])
 
 
+def rates_at_stage(fixed, c, a, k):
+    """Return (h dq/dt, h dL/dt) at c of a step, where the changes k times their coefficients lead.
+
+    fixed : (q, L) at the start, Rates of the body over h, effects, body, t, h
+    """
+    start, rates, effects, body, t, h = fixed
+    q, l = linear_combination(start, a, k)
+    return state_rates(rates, effects, body, t + c * h, h, q, l)
+
+
 class RK8(NamedTuple):
     """Runge-Kutta of order 8 with 12 stages, on quaternion and L; the quaternion is normalised.
 
@@ -74,30 +84,20 @@ class RK8(NamedTuple):
         state, momentum = q, l
         q, l = value_of(q), value_of(l)
         start, rates = (q, l), scaled(body, h)
+        fixed = start, rates, effects, body, t, h
         # Written out: 20 of the 78 coefficients are 0 and cost no operation.
         k1 = state_rates(rates, effects, body, t, h, q, l)
-        y = linear_combination(start, _A2, (k1,))
-        k2 = state_rates(rates, effects, body, t + 0.05260015195876773 * h, h, y[0], y[1])
-        y = linear_combination(start, _A3, (k1, k2))
-        k3 = state_rates(rates, effects, body, t + 0.0789002279381516 * h, h, y[0], y[1])
-        y = linear_combination(start, _A4, (k1, k3))
-        k4 = state_rates(rates, effects, body, t + 0.1183503419072274 * h, h, y[0], y[1])
-        y = linear_combination(start, _A5, (k1, k3, k4))
-        k5 = state_rates(rates, effects, body, t + 0.2816496580927726 * h, h, y[0], y[1])
-        y = linear_combination(start, _A6, (k1, k4, k5))
-        k6 = state_rates(rates, effects, body, t + 0.3333333333333333 * h, h, y[0], y[1])
-        y = linear_combination(start, _A7, (k1, k4, k5, k6))
-        k7 = state_rates(rates, effects, body, t + 0.25 * h, h, y[0], y[1])
-        y = linear_combination(start, _A8, (k1, k4, k5, k6, k7))
-        k8 = state_rates(rates, effects, body, t + 0.3076923076923077 * h, h, y[0], y[1])
-        y = linear_combination(start, _A9, (k1, k4, k5, k6, k7, k8))
-        k9 = state_rates(rates, effects, body, t + 0.6512820512820513 * h, h, y[0], y[1])
-        y = linear_combination(start, _A10, (k1, k4, k5, k6, k7, k8, k9))
-        k10 = state_rates(rates, effects, body, t + 0.6 * h, h, y[0], y[1])
-        y = linear_combination(start, _A11, (k1, k4, k5, k6, k7, k8, k9, k10))
-        k11 = state_rates(rates, effects, body, t + 0.8571428571428571 * h, h, y[0], y[1])
-        y = linear_combination(start, _A12, (k1, k4, k5, k6, k7, k8, k9, k10, k11))
-        k12 = state_rates(rates, effects, body, t + h, h, y[0], y[1])
+        k2 = rates_at_stage(fixed, 0.05260015195876773, _A2, (k1,))
+        k3 = rates_at_stage(fixed, 0.0789002279381516, _A3, (k1, k2))
+        k4 = rates_at_stage(fixed, 0.1183503419072274, _A4, (k1, k3))
+        k5 = rates_at_stage(fixed, 0.2816496580927726, _A5, (k1, k3, k4))
+        k6 = rates_at_stage(fixed, 0.3333333333333333, _A6, (k1, k4, k5))
+        k7 = rates_at_stage(fixed, 0.25, _A7, (k1, k4, k5, k6))
+        k8 = rates_at_stage(fixed, 0.3076923076923077, _A8, (k1, k4, k5, k6, k7))
+        k9 = rates_at_stage(fixed, 0.6512820512820513, _A9, (k1, k4, k5, k6, k7, k8))
+        k10 = rates_at_stage(fixed, 0.6, _A10, (k1, k4, k5, k6, k7, k8, k9))
+        k11 = rates_at_stage(fixed, 0.8571428571428571, _A11, (k1, k4, k5, k6, k7, k8, k9, k10))
+        k12 = rates_at_stage(fixed, 1.0, _A12, (k1, k4, k5, k6, k7, k8, k9, k10, k11))
         dq, dl = linear_combination(
             ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), _B, (k1, k6, k7, k8, k9, k10, k11, k12)
         )

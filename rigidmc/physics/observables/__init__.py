@@ -56,15 +56,9 @@ _KINDS = [kind for kind in globals().values() if hasattr(kind, "_fields")]  # th
 OBSERVABLES: dict[str, Any] = {word_of(kind): kind for kind in _KINDS}
 # Variables that every run produces, whatever is saved. The last two are not in all results.
 OUTCOMES = (
-    "energy_drift_max",
-    "l2_drift_max",
-    "drift_law",
-    "status",
-    "status_step",
-    "status_time",
-    "steps",
-    "followed_until",
-)
+    "energy_drift_max", "l2_drift_max", "drift_law", "status", "status_step", "status_time",
+    "steps", "followed_until",
+)  # fmt: skip
 Statistics = dict[str, tuple[str, Any]]  # {name: (name of the observable, statistic)}
 
 

@@ -350,14 +350,9 @@ def is_attitude(observable):
 def observed(of, body, effects, t, q, l, start, works):
     """Return the values of an observable in the axes in which the body is described."""
     values = value(of, body, effects, t, q, l, start, works)
-    return in_described(is_body_vector(of), is_attitude(of), body, values)
-
-
-def in_described(is_vector, is_turn, body, values):
-    """Compute `observed` for the values in the principal axes."""
-    if len(is_vector) > 0:
+    if len(is_body_vector(of)) > 0:
         return described(body, values)
-    if len(is_turn) > 0:
+    if len(is_attitude(of)) > 0:
         return described_attitude(body, values)
     return values
 

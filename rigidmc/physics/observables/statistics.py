@@ -60,23 +60,11 @@ def above(state):
     return ((-math.inf, state[0]),) + above(state[1:])
 
 
-def unless_steady(steady, values):
-    """Return the values, or () if `steady` is ON."""
-    if len(steady) > 0:
-        return ()
-    return values
-
-
 def extremal_numbers(of, values):
     """Return numbers with the extremes of an observable; () if it is conserved."""
-    return unless_steady(is_conserved(of), monotone(of, values))
-
-
-def negate(steady):
-    """Return OFF for ON and ON for OFF."""
-    if len(steady) > 0:
-        return OFF
-    return ON
+    if len(is_conserved(of)) > 0:
+        return ()
+    return monotone(of, values)
 
 
 def add_differences(sums, values, shifts):
@@ -210,7 +198,9 @@ def _extrema_of_values(self, body, effects, t, q, l):
 
 
 def _averages_unless_conserved(self):
-    return negate(is_conserved(self.of))
+    if len(is_conserved(self.of)) > 0:
+        return OFF
+    return ON
 
 
 @_statistic("smallest", 1, begin=_observed_values, extrema=_extrema_of_values)
