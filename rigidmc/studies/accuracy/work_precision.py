@@ -18,9 +18,9 @@ from rigidmc.planning.tolerance.choose import check_pilot, check_quiet
 from rigidmc.planning.tolerance.costs import Candidate, Costs
 from rigidmc.planning.tolerance.deviation import QUANTITIES, measure_growth, upper_quantile
 from rigidmc.planning.tolerance.ladder import candidates, ladder
-from rigidmc.planning.tolerance.pilot import ROUNDING, Pilot, pilot
+from rigidmc.planning.tolerance.pilot import ROUNDING, pilot
 from rigidmc.planning.tolerance.search import compile_ahead
-from rigidmc.planning.tolerance.truth import Reference, make_reference
+from rigidmc.planning.tolerance.truth import make_reference
 from rigidmc.results.labels import count_text
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.scene import Scene
@@ -95,11 +95,14 @@ def work_precision(
     true = make_reference(first, say)
     costs = Costs(first, true)
     say(f"truth: {true.source}, known to {upper_quantile(true.error):.1e}")
-    ways = _ways(scene, first, true, costs, names, say)
+    ways = _ways(costs, names, say)
     threads = threads or threads_available()
     values = _costs(ways, costs, threads) | _errors(ways)
-    cost = values["ns_per_member"]
-    values["cheapest"] = _cheapest(values["error_state_upper"], cost, tolerances)
+    upper, cost = values["error_state_upper"], values["ns_per_member"]
+    values["cheapest"] = np.array([
+        min((i for i in range(len(cost)) if upper[i] <= t), key=lambda i: cost[i], default=-1)
+        for t in tolerances
+    ])  # fmt: skip
     attrs = {
         "t_end": scene.run.t_end,
         "members": first.members,
@@ -126,12 +129,7 @@ def with_tried(scene: Scene, integrators: Sequence[Any]) -> tuple[Scene, list[st
 
 
 def _ways(
-    scene: Scene,
-    first: Pilot,
-    true: Reference,
-    costs: Costs,
-    integrators: Sequence[str] | None,
-    say: Callable[[str], object],
+    costs: Costs, integrators: Sequence[str] | None, say: Callable[[str], object]
 ) -> list[Candidate]:
     """Return a ladder of steps for each integrator and precision that supports the scene."""
     ways: list[Candidate] = []
@@ -141,9 +139,10 @@ def _ways(
         return bool(rivals) and costs.per_member(way) > DEAREST * min(rivals)
 
     # high orders first: they set the cost limit of the others
-    by_name = scene.known_integrators()
-    pairs = sorted(candidates(first, true, integrators), key=lambda c: -by_name[c[0]].order)
-    compile_ahead(first, pairs)
+    by_name = costs.pilot.scene.known_integrators()
+    pairs = candidates(costs.pilot, costs.truth, integrators)
+    pairs = sorted(pairs, key=lambda pair: -by_name[pair[0]].order)
+    compile_ahead(costs.pilot, pairs)
     began = time.perf_counter()
     for done, (integrator, dtype) in enumerate(pairs, 1):
         rungs = ladder(costs, integrator, dtype, FINEST, too_dear=too_dear)
@@ -153,9 +152,8 @@ def _ways(
             ended = f"; stopped: others cost 1/{DEAREST:g} or less" if dear else ""
             left = (time.perf_counter() - began) * (len(pairs) / done - 1.0)
             words = f"{tried:2d} step{'s' * (tried > 1)} tried, best error {best:.1e}{ended}"
-            say(
-                f"{integrator:9s} {dtype}: {words}; {done} of {len(pairs)}, about {left:.0f} s left"
-            )
+            when = f"{done} of {len(pairs)}, about {left:.0f} s left"
+            say(f"{integrator:9s} {dtype}: {words}; {when}")
         ways += rungs
     return ways
 
@@ -192,17 +190,6 @@ def _finite_or_inf(statistic: Statistic, errors: NDArray[np.float64]) -> float:
     if np.isnan(errors).all():
         return math.nan
     return float(np.nan_to_num(statistic(errors), nan=np.inf, posinf=np.inf))
-
-
-def _cheapest(
-    upper: NDArray[np.float64], cost: NDArray[np.float64], tolerances: Sequence[float]
-) -> NDArray[np.int64]:
-    """Return the variable `cheapest`."""
-    rows = [
-        min((i for i in range(len(cost)) if upper[i] <= t), key=lambda i: cost[i], default=-1)
-        for t in tolerances
-    ]
-    return np.array(rows)
 
 
 def _horizon(
