@@ -5,7 +5,7 @@ broadcast, and cites its equation. The closed forms are the reference for all in
 package uses no integrator.
 
 Reading order: `euler_angles` (all 12 sequences), `rotation` (quaternions, matrices, Euler angles),
-`euler_rates` (rates of Euler angles, and omega), `inertia`, `solids` and `mesh` (bodies),
+`euler_rates` (rates of Euler angles, and omega), `inertia`, `density`, `solids`, `mesh` (bodies),
 `axes_rates` (how principal axes change with a tensor), `impossible` (why a body cannot exist),
 `log_cholesky` (the inertia of a body as ten numbers), `coordinates` (generalised coordinates and
 the torques of potentials); then the free top: `textbook` (omega as in textbooks, and elliptic

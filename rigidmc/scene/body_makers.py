@@ -15,19 +15,21 @@ from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.inputs.arrays import as_plain_arrays, as_tuples, floats
 from rigidmc.inputs.labelled import Wanted
 from rigidmc.mechanics import inertia, solids
+from rigidmc.mechanics.density import moments_of_density
 from rigidmc.scene import shape
 from rigidmc.scene.body_numbers import BodyNumbers
 from rigidmc.scene.inertia_about import (
     checked_tensor,
     has_rows,
     is_about_centre,
+    positive_number,
     principal_axes_of,
     tensor_about_pivot,
 )
-from rigidmc.scene.quantities import is_shared, quantity, vector
+from rigidmc.scene.quantities import is_shared, vector
 from rigidmc.scene.shape import Shape
 from rigidmc.scene.stated import NO_RATE, Stated
-from rigidmc.scene.units import in_si, size_units
+from rigidmc.scene.units import in_si
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.tensors import TensorRows
 
@@ -184,8 +186,8 @@ class BodyMakers(BodyNumbers, metaclass=_Hints):
     ) -> Self:
         """Make a body from a tensor (3, 3), with the solids that pictures draw."""
         moments, axes = principal_axes_of(checked_tensor(tensor), mass, centre, frame)
-        rows = tuple(map(tuple, axes.tolist()))
-        return cls(tuple(moments.tolist()), mass, centre, rows, parts, frame, stated=stated)
+        numbers = as_tuples(moments), mass, centre, as_tuples(axes)
+        return cls(*numbers, parts, frame, stated=stated)
 
     @classmethod
     def from_particles(cls, masses: ArrayLike, positions: ArrayLike) -> Self:
@@ -230,10 +232,8 @@ class BodyMakers(BodyNumbers, metaclass=_Hints):
             rule = "masses and positions must be finite, no mass negative, and some mass positive"
             raise SceneError(rule, at="body.particles")
         mass = float(m.sum())
-        centre = tuple((m @ x / mass).tolist())
-        return cls._of_tensor(
-            inertia.of_particles(m, x), mass, centre, shape.shape_of_particles(m, x)
-        )
+        centre, parts = as_tuples(m @ x / mass), shape.shape_of_particles(m, x)
+        return cls._of_tensor(inertia.of_particles(m, x), mass, centre, parts)
 
     @classmethod
     def solid(cls, name: str, **sizes: Any) -> Self:
@@ -282,9 +282,8 @@ class BodyMakers(BodyNumbers, metaclass=_Hints):
                 parts = vector(in_si(sizes[key], "m", f"{at}.{key}"), f"{at}.{key}", count)
                 checked[key] = tuple(positive_number(part, f"{at}.{key}") for part in parts)
         mass, centre, tensor = make(**checked)
-        sizes = {key: checked[key] for key in shape.sizes_of(name)}
-        parts = (shape.ShapePart(name, sizes),)
-        return cls(tuple(np.diag(tensor).tolist()), mass, centre, shape=parts)
+        part = shape.ShapePart(name, {key: checked[key] for key in shape.sizes_of(name)})
+        return cls(as_tuples(np.diag(tensor)), mass, centre, shape=(part,))
 
     @classmethod
     def cylinder(cls, mass: Any, radius: Any, height: Any) -> Self:
@@ -380,7 +379,7 @@ class BodyMakers(BodyNumbers, metaclass=_Hints):
         """
         region = as_plain_arrays(in_si(region, "m", "body.region"), "body.region")
         density = in_si(density, "kg m-3", "body.density")
-        coarse, fine = (inertia.moments_of_density(density, region, points) for points in (24, 40))
+        coarse, fine = (moments_of_density(density, region, points) for points in (24, 40))
         mass, first, second = fine[0], fine[1:4], fine[4:].reshape(3, 3)
         if not mass > 0:
             rule = f"the mass is {mass:.3g}; it must be positive"
@@ -395,17 +394,5 @@ class BodyMakers(BodyNumbers, metaclass=_Hints):
             )
             raise SceneError(rule, at="body.density")
         tensor, centre = np.trace(second) * np.eye(3) - second, first / mass
-        return cls._of_tensor(
-            tensor, float(mass), tuple(centre.tolist()), shape.shape_of_region(region)
-        )
-
-
-def positive_number(value: Any, at: str) -> float:
-    """Return a positive plain number; SceneError."""
-    number = quantity(in_si(value, size_units(at.rpartition(".")[2]), at), at)
-    if not isinstance(number, float):
-        rule = "must be a plain number; for bodies that differ give moments instead"
-        raise SceneError(rule, at=at)
-    if not number > 0:
-        raise SceneError("must be positive", at=at, value=number)
-    return number
+        parts = shape.shape_of_region(region)
+        return cls._of_tensor(tensor, float(mass), as_tuples(centre), parts)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import SceneError, SceneWarning, in_file, unknown
 from rigidmc.scene import shape
 from rigidmc.scene.body_changes import BodyChanges
-from rigidmc.scene.body_makers import positive_number
+from rigidmc.scene.inertia_about import positive_number
 from rigidmc.scene.stated import MESH
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from rigidmc.inputs.labelled import Wanted
 from rigidmc.mechanics import inertia
 from rigidmc.mechanics.impossible import causes_text
 from rigidmc.scene.quantities import is_shared, quantity, vector
-from rigidmc.scene.units import in_si, vector_in_si
+from rigidmc.scene.units import in_si, size_units, vector_in_si
 from rigidmc.scene.vector_distributions.bodies import UncertainInertia
 
 ABOUT = ("pivot", "centre")  # the fixed point; the centre of mass
@@ -149,3 +149,14 @@ def has_rows(tensor: Any) -> bool:
         return np.ndim(tensor) == 3
     except (ValueError, TypeError, AttributeError):  # rows of different lengths, or other objects
         return False
+
+
+def positive_number(value: Any, at: str) -> float:
+    """Return a positive plain number; SceneError."""
+    number = quantity(in_si(value, size_units(at.rpartition(".")[2]), at), at)
+    if not isinstance(number, float):
+        rule = "must be a plain number; for bodies that differ give moments instead"
+        raise SceneError(rule, at=at)
+    if not number > 0:
+        raise SceneError("must be positive", at=at, value=number)
+    return number
