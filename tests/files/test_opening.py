@@ -1,10 +1,8 @@
 """Links and pipes that others planted: nothing outside is read or changed, and nothing blocks."""
 
-import contextlib
 import itertools
 import os
 import shutil
-import signal
 
 import pytest
 
@@ -14,7 +12,7 @@ from rigidmc.files import opening, outputs
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
 from tests.tools.commands import invoke
-from tests.tools.faulty import LINUX
+from tests.tools.faulty import LINUX, within
 
 pytestmark = LINUX
 SCENE = """
@@ -52,20 +50,6 @@ def names(run):
     shard = next((run / "shards").iterdir()).name
     return ("run.json", "scene.toml", "columns.nc", "lock", "journal.jsonl", f"shards/{shard}",
             "shards", ".part-elsewhere-1-0", "shards/.part-elsewhere-1-0.nc")  # fmt: skip
-
-
-@contextlib.contextmanager
-def within(seconds):
-    def hung(*_):
-        raise AssertionError("it blocks")
-
-    before = signal.signal(signal.SIGALRM, hung)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
 
 
 def content(folder):

@@ -1,11 +1,9 @@
 """Input is checked before it is used: every way in which a file can lie, and the message."""
 
-import contextlib
 import errno
 import json
 import os
 import pathlib
-import signal
 import subprocess
 import sys
 import time
@@ -28,6 +26,7 @@ from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.studies.stress.hard_cases import load_bounds
 from tests.tools import hostile
 from tests.tools.commands import invoke
+from tests.tools.faulty import within
 
 fcntl = pytest.importorskip("fcntl", reason="locks, pipes and limits are those of POSIX")
 resource = pytest.importorskip("resource")
@@ -36,22 +35,6 @@ SCENE = rm.Scene(
     rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(0.1, 1.0, rm.normal(0.0, 0.1)))
 )
 RUN = {"dt": 0.05, "t_end": 0.5, "every": 0.1, "save": ("omega",)}
-
-
-@contextlib.contextmanager
-def within(seconds):
-    """TimeoutError if it takes longer, even waiting for a pipe."""
-
-    def late(*_):
-        raise TimeoutError
-
-    previous = signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, previous)
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import signal
 import sys
 import time
 import unittest.mock
@@ -29,6 +30,22 @@ def places():
     return [("open", builtins, "open", system), ("write", builtins, "open", half), *asked,
             ("open of a shard", writer.netCDF4, "Dataset", system),
             ("write to a shard", writer.Writer, "_rounded", library)]  # fmt: skip
+
+
+@contextlib.contextmanager
+def within(seconds):
+    """Fail if it takes longer, even waiting for a pipe; no command reports this error."""
+
+    def late(*_):
+        raise AssertionError("it blocks")
+
+    previous = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, previous)
 
 
 @contextlib.contextmanager

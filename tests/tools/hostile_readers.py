@@ -1,5 +1,5 @@
-"""Hostile zarr stores, meshes, maps, tables of bounds, parquet files, options and expressions, and
-run directories with links and pipes; the other readers are in `tests.tools.hostile`."""
+"""Hostile zarr stores, meshes, maps, tables of bounds, parquet files, options and expressions; the
+other readers are in `tests.tools.hostile`."""
 
 import json
 import os
@@ -192,46 +192,6 @@ def hostile_words(some, good):
     if name in ASKED and some.random() < 0.8:
         given += ["--at" if name == "section" else "--of", expression(some).replace("\x00", "")]
     return name, given
-
-
-def planted(some, good, folder):
-    """A run directory in which links and pipes are planted, and the user's own folder beside it."""
-    path = os.path.join(folder, "hostile-run")
-    shutil.copytree(good.at(word_of(some, "scene-run part-run table-run")), path)
-    shards = os.listdir(os.path.join(path, "shards"))
-    names = [
-        "run.json", "scene.toml", "columns.nc", "lock", "journal.jsonl", "members.i64", "shards",
-        f"shards/{some.choice(shards)}", ".part-elsewhere-1-0", "shards/.part-a-1-0.nc",
-        f".part-{os.uname().nodename}-999999-0",
-    ]  # fmt: skip
-    user = os.path.join(folder, "user")
-    shutil.copytree(path, user)
-    written(os.path.join(user, "thesis"), b"three years")
-    for name in some.sample(names, some.choice((1, 1, 2))):
-        place = os.path.join(path, name)
-        if not os.path.isdir(os.path.dirname(place)) or os.path.islink(os.path.dirname(place)):
-            continue
-        if os.path.isdir(place):
-            shutil.rmtree(place)
-        elif os.path.lexists(place):
-            os.unlink(place)
-        if some.random() < 0.3:
-            os.mkfifo(place)
-        else:
-            where = some.choice((name, "thesis", "new", "", "shards"))
-            os.symlink(os.path.join(user, where), place)
-        os.utime(place, (0, 0), follow_symlinks=False)
-    return path
-
-
-def content(folder):
-    """{path: bytes} of all files of a folder."""
-    found = {}
-    for top, _, names in os.walk(folder):
-        for name in names:
-            with open(os.path.join(top, name), "rb") as file:
-                found[os.path.join(top, name)] = file.read()
-    return found
 
 
 def add_to(good, stored):
