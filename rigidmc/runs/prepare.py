@@ -33,9 +33,8 @@ from rigidmc.results.layout import Selection
 from rigidmc.results.sinks import Blanks, MemorySink, Sink
 from rigidmc.runs.assemble import make_layout
 from rigidmc.runs.blocks import compute
-from rigidmc.runs.members import mostly_flagged, select_members
 from rigidmc.runs.resources import block_of, check_resources
-from rigidmc.runs.settled import Machine, SettledRun
+from rigidmc.runs.settled import Machine, SettledRun, mostly_flagged, select_members
 from rigidmc.scene.derivatives import parameters_of_run
 from rigidmc.scene.quantities import Varied
 from rigidmc.scene.scene import Scene

@@ -15,8 +15,8 @@ from rigidmc.files.outputs import refuse_existing
 from rigidmc.inputs.amounts import read_count
 from rigidmc.planning.saves import FEW_MEMBERS, first_and_last
 from rigidmc.processes.progress import Progress, announce
-from rigidmc.runs.members import range_of_members, with_settings
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
+from rigidmc.runs.settled import range_of_members, with_settings
 from rigidmc.scene.drifts import one_way
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings

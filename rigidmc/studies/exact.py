@@ -15,8 +15,8 @@ from rigidmc.mechanics.lagrange_top import NutationRange
 from rigidmc.mechanics.rotation import attitude_error, matrix
 from rigidmc.planning.closed_form import NONE, ClosedMotion, closed_form
 from rigidmc.planning.initial import make_sampler
-from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import count_text
+from rigidmc.results.principal_axes import in_principal_axes
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.scene import Scene
 

@@ -19,7 +19,7 @@ from rigidmc.files.opening import check_suffix
 from rigidmc.files.outputs import PartialFile, naming_the_path, refuse_existing
 from rigidmc.mechanics import rotation
 from rigidmc.planning.saves import ATTITUDE, sparse
-from rigidmc.results.frames import in_principal_axes, is_described
+from rigidmc.results.principal_axes import in_principal_axes, is_described
 from rigidmc.scene.scene import scene_of
 from rigidmc.views.figures import ALARM, AXES, GREY, HALO, INK, PATH
 from rigidmc.views.globes import draw_ball, toward_reader

@@ -16,7 +16,7 @@ from rigidmc.mechanics.euler_angles import (
 )
 from rigidmc.mechanics.rotation import euler
 from rigidmc.planning.saves import ATTITUDE, sparse
-from rigidmc.results.lazy import apply_lazily
+from rigidmc.results.principal_axes import apply_lazily
 
 Floats = NDArray[np.float64]
 _TEXTBOOK_WORDS = {"phi": "precession", "theta": "nutation", "psi": "proper rotation"}

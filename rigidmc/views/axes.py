@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.results.lazy import apply_lazily
+from rigidmc.results.principal_axes import apply_lazily
 from rigidmc.scene.body import IDENTITY
 
 _UNTURNED = ("_min", "_max", "_variance")
@@ -100,7 +100,7 @@ class ResultAxes:
         """
         from rigidmc.mechanics.rotation import product, quaternion, to_space
         from rigidmc.physics.dynamics.so3 import conjugate
-        from rigidmc.results.frames import is_described
+        from rigidmc.results.principal_axes import is_described
         from rigidmc.scene.scene import scene_of
 
         ds = self._dataset
@@ -154,7 +154,7 @@ class ResultAxes:
         >>> abs(ds.rigid.principal("start_omega").isel(member=0)).values.round(12).tolist()
         [1.0, 0.0, 1.0]
         """
-        from rigidmc.results.frames import is_described, principal
+        from rigidmc.results.principal_axes import is_described, principal
 
         values = self._body_values(name)
         if not is_described(self._dataset):

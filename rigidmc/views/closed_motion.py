@@ -9,7 +9,7 @@ from rigidmc.errors import RigidmcError
 from rigidmc.mechanics.lagrange_top import with_axis_third
 from rigidmc.planning.closed_form import ClosedMotion, case_of
 from rigidmc.planning.initial import initial_block_of, make_sampler
-from rigidmc.results.frames import described
+from rigidmc.results.principal_axes import described
 from rigidmc.scene.scene import scene_of
 from rigidmc.views.sample import thin_result
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.saves import AXIS, BODY
-from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.results.labels import axis_label, count_text, in_symbols, with_units
+from rigidmc.results.principal_axes import in_principal_axes, is_described
 from rigidmc.views.figures import (
     BAND,
     CORE,

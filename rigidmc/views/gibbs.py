@@ -11,8 +11,8 @@ from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects.protocol import is_random, numbers
 from rigidmc.planning.initial import members_at_start
 from rigidmc.planning.steps import physics
-from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import count_text, value_text
+from rigidmc.results.principal_axes import in_principal_axes
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.views.figures import CORE, INK, PATH, new_figure

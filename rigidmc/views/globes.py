@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rigidmc.mechanics.rotation import to_space
 from rigidmc.planning.saves import AXIS, BODY
-from rigidmc.results.frames import in_principal_axes, is_described
+from rigidmc.results.principal_axes import in_principal_axes, is_described
 from rigidmc.views.caps import Cap, cap_around, cap_points, draw_cap, draw_on_cap
 from rigidmc.views.closed_motion import sample_of_motion
 from rigidmc.views.figures import CROWD, GREY, HALO, INK, PATH, add_title, figure_of

@@ -14,8 +14,8 @@ from rigidmc.mechanics.rotation import to_body, to_space
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.closed_form import ClosedMotion
 from rigidmc.planning.saves import ATTITUDE, AXIS, BODY
-from rigidmc.results.frames import in_principal_axes, principal
 from rigidmc.results.labels import in_symbols, with_units
+from rigidmc.results.principal_axes import in_principal_axes, principal
 from rigidmc.views.attitudes import saved_attitude
 from rigidmc.views.closed_motion import heavy_tops, sample_of_motion, symmetric_about_3
 from rigidmc.views.figures import (

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
 from rigidmc.mechanics.rotation import matrix, to_space
 from rigidmc.physics.observables import OBSERVABLES
-from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import with_units
+from rigidmc.results.principal_axes import in_principal_axes
 from rigidmc.views.closed_motion import STATES
 from rigidmc.views.figures import (
     GREY,

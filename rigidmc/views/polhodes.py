@@ -16,8 +16,8 @@ from rigidmc.errors import OptionError, unknown
 from rigidmc.inputs.arrays import floats
 from rigidmc.mechanics.free_top import analyse_free_top, solve_free_top
 from rigidmc.planning.saves import BODY, MOST
-from rigidmc.results.frames import in_principal_axes
 from rigidmc.results.labels import units_text
+from rigidmc.results.principal_axes import in_principal_axes
 from rigidmc.views.caps import cap_points, draw_cap, draw_on_cap, narrow_cap
 from rigidmc.views.figures import (
     INK,

@@ -17,8 +17,8 @@ from rigidmc.errors import RigidmcError
 from rigidmc.mechanics.rotation import euler
 from rigidmc.physics.effects import label_effects
 from rigidmc.planning.saves import ATTITUDE, AXIS, BODY, Drive, Sparse, drive, sparse, turning_rates
-from rigidmc.results.frames import described, in_principal_axes, principal
 from rigidmc.results.labels import count_text, in_symbols, value_text
+from rigidmc.results.principal_axes import described, in_principal_axes, principal
 from rigidmc.scene.scene import scene_of
 from rigidmc.views.figures import new_figure
 

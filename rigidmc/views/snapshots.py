@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigidmc.mechanics.free_top import solve_free_top
 from rigidmc.mechanics.rotation import matrix, to_space
 from rigidmc.planning.saves import ATTITUDE, MOST
-from rigidmc.results.frames import in_principal_axes
+from rigidmc.results.principal_axes import in_principal_axes
 from rigidmc.scene.scene import scene_of
 from rigidmc.views.figures import GREY, INK, PATH, add_title, figure_of
 from rigidmc.views.globes import is_free

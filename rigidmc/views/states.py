@@ -5,7 +5,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.physics.dynamics.methods import implements
-from rigidmc.results.lazy import apply_lazily
+from rigidmc.results.principal_axes import apply_lazily
 from rigidmc.views.axes import ResultAxes
 
 
@@ -31,7 +31,7 @@ class ResultStates(ResultAxes):
         >>> ds.rigid.momentum().shape
         (3, 3, 4)
         """
-        from rigidmc.results.frames import described, principal
+        from rigidmc.results.principal_axes import described, principal
 
         ds = self._whole()
         if "momentum" in ds:
@@ -49,7 +49,7 @@ class ResultStates(ResultAxes):
 
     def _principal_momentum(self) -> xr.DataArray:
         """Return the angular momentum in the principal axes."""
-        from rigidmc.results.frames import principal
+        from rigidmc.results.principal_axes import principal
 
         return principal(self._dataset.assign(momentum=self.momentum()), "momentum")
 
@@ -123,7 +123,7 @@ class ResultStates(ResultAxes):
         from rigidmc.engine.formulas import energies
         from rigidmc.planning.initial import members_at_start
         from rigidmc.planning.steps import physics
-        from rigidmc.results.frames import principal
+        from rigidmc.results.principal_axes import principal
 
         ds, scene = self._dataset, self.scene()
         if "attitude" not in ds:
@@ -193,7 +193,7 @@ class ResultStates(ResultAxes):
         >>> ds.rigid.polhode(0, points=100).shape
         (100, 3)
         """
-        from rigidmc.results.frames import described, in_principal_axes
+        from rigidmc.results.principal_axes import described, in_principal_axes
         from rigidmc.views.sphere import polhodes
 
         members = self._dataset.member.values

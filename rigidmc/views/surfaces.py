@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import RigidmcError, SceneWarning
 from rigidmc.files.reading import sha256_of
 from rigidmc.mechanics import inertia, mesh, rotation
-from rigidmc.results.frames import in_principal_axes
+from rigidmc.results.principal_axes import in_principal_axes
 from rigidmc.scene.body import Body
 from rigidmc.scene.shape import Shape, ShapePart, shape_of_mesh
 

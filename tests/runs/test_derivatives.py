@@ -14,7 +14,7 @@ from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.so3 import multiply
 from rigidmc.planning import plan
 from rigidmc.results.export import member_table
-from rigidmc.results.frames import in_principal_axes
+from rigidmc.results.principal_axes import in_principal_axes
 from rigidmc.results.sinks import MemorySink, make_buffer
 from rigidmc.runs import assemble, blocks, settled
 from rigidmc.runs.directory import checkpoints, gather, resume

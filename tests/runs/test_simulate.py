@@ -14,7 +14,7 @@ import xarray as xr
 
 import rigidmc as rm
 from rigidmc.physics.dynamics.so3 import vertical
-from rigidmc.runs.members import mostly_flagged
+from rigidmc.runs.settled import mostly_flagged
 
 BODY = rm.Body.from_moments((1.0, 2.0, 2.5), mass=1.0, centre=(0.02, 0.0, 0.1))
 START = rm.Start(omega=(rm.normal(0, 0.1), rm.normal(1, 0.1), 0.2), attitude="uniform")

@@ -13,7 +13,7 @@ from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.mechanics.inertia import symmetric
 from rigidmc.planning.unit_scale import scale_scene
 from rigidmc.protocols import Vector, effect
-from rigidmc.results.frames import in_principal_axes
+from rigidmc.results.principal_axes import in_principal_axes
 from tests.physics.effects.laws import Motion, Properties
 from tests.tools.plans import starts
 

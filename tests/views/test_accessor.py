@@ -179,7 +179,7 @@ def test_what_is_read_lazily_stays_lazy(kind, tmp_path, monkeypatch):
         path = tmp_path / "a.nc"
         rm.simulate(scene, output=str(path)).close()
     if kind == "no dask":
-        monkeypatch.setattr("rigidmc.results.lazy.find_spec", lambda name: None)
+        monkeypatch.setattr("rigidmc.results.principal_axes.find_spec", lambda name: None)
     whole = rm.simulate(scene)
     with rm.open(path) as ds:
         for name in ("omega", "attitude", "start_omega"):

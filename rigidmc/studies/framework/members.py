@@ -23,7 +23,7 @@ from rigidmc.physics.observables import bare_observables, label_observables
 from rigidmc.planning.initial import make_sampler
 from rigidmc.planning.saves import first_and_last
 from rigidmc.processes.progress import Progress, announce, reporter, say
-from rigidmc.results.frames import is_described
+from rigidmc.results.principal_axes import is_described
 from rigidmc.results.variables import variables_of
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.folder import RunDirectory

@@ -31,7 +31,7 @@ from rigidmc.physics.observables import find_observable
 from rigidmc.physics.observables.protocol import size
 from rigidmc.planning.initial import initial_block_of, make_sampler
 from rigidmc.planning.steps import rate_bounds
-from rigidmc.results.frames import in_principal_axes
+from rigidmc.results.principal_axes import in_principal_axes
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.estimates import StateComponent, component_of, rows_in_time
 

@@ -17,8 +17,8 @@ from rigidmc.physics.integrators import TurnBounds, scheme_of
 from rigidmc.planning.initial import noise_keys
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import make_time_grid
-from rigidmc.runs.members import with_settings
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
+from rigidmc.runs.settled import with_settings
 from rigidmc.scene.scene import Scene
 
 # the order in which the page reads

@@ -19,8 +19,8 @@ from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
 from rigidmc.physics.effects.protocol import Effect
 from rigidmc.planning.saves import ATTITUDE, BODY, sparse
-from rigidmc.results.frames import in_principal_axes, is_described
 from rigidmc.results.labels import count_text, long_label, units_text
+from rigidmc.results.principal_axes import in_principal_axes, is_described
 from rigidmc.runs.frames import integrate_member
 from rigidmc.runs.rerun import rerun
 from rigidmc.scene.scene import Scene, scene_of
