@@ -32,9 +32,9 @@ CODES = {
     USAGE: ("usage", "unknown command or option, or missing argument"),
     INVALID: (
         "invalid",
-        "unusable input: an invalid scene or option value, a member or measure that the result"
-        " does not have, a file that is damaged or of another kind, a run in which `verify` finds"
-        " faults",
+        "unusable input: an invalid scene or option value, a file whose format needs a package"
+        " that is not installed, a member or measure that the result does not have, a file that"
+        " is damaged or of another kind, a run in which `verify` finds faults",
     ),
     FLAGGED: (
         "flagged",
@@ -48,7 +48,7 @@ CODES = {
     IO: (
         "input or output",
         "a scene, result or run directory does not exist, or cannot be read or written; not enough"
-        " memory or disk space; no GPU, or an optional package is not installed",
+        " memory or disk space; no GPU, or no matplotlib for a picture",
     ),
     HUNG_UP: ("hung up", "by SIGHUP: the terminal or the ssh session ended"),
     INTERRUPTED: ("interrupted", "by Ctrl-C"),
