@@ -112,11 +112,11 @@ def angles_of_quaternions(sequence: str, q: Any) -> _Floats:
         w, u, v, n = w - v, u - n, v + w, n + u
     with np.errstate(invalid="ignore"):
         near, far = np.hypot(v, n), np.hypot(w, u)
-        whole = np.hypot(near, far)
+        size = np.hypot(near, far)
         second = 2.0 * np.arctan2(near, far)
         plus, minus = np.arctan2(u, w), np.arctan2(n, v)  # (first + third)/2, (first - third)/2
-        plus = np.where(far <= 0.5 * LOCKED * whole, minus, plus)
-        minus = np.where(near <= 0.5 * LOCKED * whole, plus, minus)
+        plus = np.where(far <= 0.5 * LOCKED * size, minus, plus)
+        minus = np.where(near <= 0.5 * LOCKED * size, plus, minus)
         first, third = wrapped(plus + minus), wrapped(plus - minus)
     if sequence in PROPER:
         return np.stack([first, second, third])

@@ -336,10 +336,10 @@ class Scene:
         >>> scene.run.t_end
         3600.0
         """
-        given = {k: v for k, v in settings.items() if v is not None}
+        changes = {k: v for k, v in settings.items() if v is not None}
         observables = self.observables
-        if "save" in given:
-            save: Any = given["save"]
+        if "save" in changes:
+            save: Any = changes["save"]
             save = words_of(save) if isinstance(save, str) else save
             for part in (save := (save,) if is_observable(save) else tuple(save)):
                 # tuples of different classes are equal if their numbers are
@@ -347,11 +347,11 @@ class Scene:
                 bare = type(part) in bare_observables().values()
                 observables += () if isinstance(part, str) or bare or same else (part,)
             words = (part if isinstance(part, str) else word_of_observable(part) for part in save)
-            given["save"] = tuple(dict.fromkeys(words))
+            changes["save"] = tuple(dict.fromkeys(words))
         scene = self
-        if not isinstance(given.get("integrator", ""), str):
-            scene, (given["integrator"],) = self.with_integrators([given["integrator"]])
-        run, integrators = with_changes(self.run, given), (*scene.known_integrators(), "auto")
+        if not isinstance(changes.get("integrator", ""), str):
+            scene, (changes["integrator"],) = self.with_integrators([changes["integrator"]])
+        run, integrators = with_changes(self.run, changes), (*scene.known_integrators(), "auto")
         if run.integrator not in integrators:
             raise unknown("integrator", integrators, at="run.integrator", value=run.integrator)
         check_saved_names(run.save, observables)
@@ -384,11 +384,11 @@ class Scene:
         ['rk4']
         """
         given = list(given)
-        own = named_integrators(one for one in given if not isinstance(one, str))
-        names = [one if isinstance(one, str) else word_of(type(one)) for one in given]
-        if not own:
+        integrators = named_integrators(part for part in given if not isinstance(part, str))
+        names = [part if isinstance(part, str) else word_of(type(part)) for part in given]
+        if not integrators:
             return self, names
-        more = {**named_integrators(self.integrators), **own}
+        more = {**named_integrators(self.integrators), **integrators}
         return replace(self, integrators=tuple(more.values())), names
 
     def known_integrators(self) -> dict[str, Integrator]:
@@ -496,8 +496,8 @@ def scene_of(
             return scene_of(dataset, settings, allow_code)
     code: bool | Classes | None = allow_code
     if allow_code is False:
-        known = remembered_classes(source.encoding.get(CLASSES, ""))
-        code = known or bool(source.encoding.get("allow_code"))
+        classes = remembered_classes(source.encoding.get(CLASSES, ""))
+        code = classes or bool(source.encoding.get("allow_code"))
     file = source.encoding.get("source", "result")
     rows = stored_rows(source)
     return loads(scene_text(source), file, settings, rows, allow_code=code)

@@ -268,13 +268,13 @@ def takes_settings(function: Callable[Arguments, Result]) -> Callable[Arguments,
     signature = inspect.signature(function)
     named = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
     words = [name for name in Run.model_fields if name not in (*signature.parameters, "varied")]
-    known = [*words, *(p.name for p in named)]
+    allowed = [*words, *(p.name for p in named)]
 
     @functools.wraps(function)
     def checked(*arguments: Arguments.args, **keywords: Arguments.kwargs) -> Result:
         for word in keywords:
-            if word not in known:
-                raise TypeError(no_such_keyword(function.__name__, word, known))
+            if word not in allowed:
+                raise TypeError(no_such_keyword(function.__name__, word, allowed))
         return function(*arguments, **keywords)
 
     more = [inspect.Parameter(word, inspect.Parameter.KEYWORD_ONLY, default=None) for word in words]
@@ -286,11 +286,11 @@ def takes_settings(function: Callable[Arguments, Result]) -> Callable[Arguments,
     return checked
 
 
-def no_such_keyword(function: str, word: str, known: list[str]) -> str:
+def no_such_keyword(function: str, word: str, allowed: list[str]) -> str:
     """Return the message about an unknown keyword."""
     from rigidmc.errors import nearest
 
-    close = nearest(word, known)
+    close = nearest(word, allowed)
     hint = f"; did you mean '{close}'?" if close else ""
     return f"{function}() got an unexpected keyword argument '{word}'{hint}"
 
@@ -332,21 +332,21 @@ def _without_effect(run: Run) -> Iterator[tuple[str, str]]:
         yield "thin", 'no observable has keep = "thinned"'
 
 
-def with_changes(run: Run, given: Mapping[str, Any]) -> Run:
-    """Return a Run with the settings `given` in place of its own; SceneError.
+def with_changes(run: Run, changes: Mapping[str, Any]) -> Run:
+    """Return a Run with `changes` in place of its own settings; SceneError.
 
     A tolerance replaces integrator and step, and `turn` replaces dt. Settings that the change
     leaves without effect return to their defaults.
     """
-    if given.get("tolerance") is not None:
-        given = {"integrator": "auto", **given}
-    replaced = {"turn"} if "dt" in given else {"dt"} if "turn" in given or run.turn else set()
+    if changes.get("tolerance") is not None:
+        changes = {"integrator": "auto", **changes}
+    replaced = {"turn"} if "dt" in changes else {"dt"} if "turn" in changes or run.turn else set()
     kept = run.model_dump(exclude=replaced, exclude_unset=True)
-    if "save" in given and isinstance(run.keep, dict):
-        kept["keep"] = {name: word for name, word in run.keep.items() if name in given["save"]}
-    settings = {**kept, **given}
-    new = check_table(Run, settings, "run", given)
-    lost = idle(new).keys() - idle(run).keys() - given.keys() - STAYS
+    if "save" in changes and isinstance(run.keep, dict):
+        kept["keep"] = {name: word for name, word in run.keep.items() if name in changes["save"]}
+    settings = {**kept, **changes}
+    new = check_table(Run, settings, "run", changes)
+    lost = idle(new).keys() - idle(run).keys() - changes.keys() - STAYS
     if not lost & settings.keys():
         return new
-    return check_table(Run, {k: v for k, v in settings.items() if k not in lost}, "run", given)
+    return check_table(Run, {k: v for k, v in settings.items() if k not in lost}, "run", changes)

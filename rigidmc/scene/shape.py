@@ -129,12 +129,12 @@ def _size(solid: str, key: str, value: Any) -> Any:
     """Return a checked size as a number or as tuples of numbers."""
     if solid == "mesh_file" and key != "scale":
         # pictures hash no file of another kind, whatever a foreign scene names
-        known = isinstance(value, str) and (
+        is_valid = isinstance(value, str) and (
             re.fullmatch("[0-9a-f]{64}", value)
             if key == "sha256"
             else value.lower().endswith(MESHES)
         )
-        if not known:
+        if not is_valid:
             words = "64 hexadecimal digits" if key == "sha256" else "the name of a mesh file"
             raise SceneError(f"expected {words}", at=f"body.shape.{key}", value=value)
         return value

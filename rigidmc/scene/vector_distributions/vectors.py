@@ -197,27 +197,27 @@ class CorrelatedPart(Distribution):
         return quantiles
 
     def times(self, by: float) -> "CorrelatedPart":
-        whole = self.whole
-        covariance = tuple(tuple(by * by * x for x in row) for row in whole.covariance)
-        return parts_of(Correlated(tuple(by * x for x in whole.mean), covariance))[self.index]
+        law = self.whole
+        covariance = tuple(tuple(by * by * x for x in row) for row in law.covariance)
+        return parts_of(Correlated(tuple(by * x for x in law.mean), covariance))[self.index]
 
     def as_table(self) -> dict[str, Any]:
         raise SceneError("is one component of a correlated vector: give the whole vector")
 
 
-def parts_of(whole: Correlated) -> tuple[CorrelatedPart, ...]:
+def parts_of(law: Correlated) -> tuple[CorrelatedPart, ...]:
     """Return the three components of a checked Correlated vector of plain numbers."""
-    rows = enumerate(zip(whole.mean, lower_factor(whole.covariance), strict=True))
-    return tuple(CorrelatedPart("correlated", (mean, *row), whole, i) for i, (mean, row) in rows)
+    rows = enumerate(zip(law.mean, lower_factor(law.covariance), strict=True))
+    return tuple(CorrelatedPart("correlated", (mean, *row), law, i) for i, (mean, row) in rows)
 
 
 def whole_of(value: Any) -> Correlated | None:
     """Return the Correlated vector of three components, None for other values."""
     if not (isinstance(value, tuple) and len(value) == 3):
         return None
-    whole = getattr(value[0], "whole", None)
-    is_one = all(isinstance(x, CorrelatedPart) and x.whole == whole for x in value)
-    return whole if is_one else None
+    law = getattr(value[0], "whole", None)
+    is_one = all(isinstance(x, CorrelatedPart) and x.whole == law for x in value)
+    return law if is_one else None
 
 
 def lower_factor(c: Any) -> tuple[tuple[float, ...], ...]:
