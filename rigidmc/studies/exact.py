@@ -20,6 +20,7 @@ from rigidmc.results.principal_axes import in_principal_axes
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.scene import Scene
 
+Array = NDArray[np.float64]
 _UP = ("sleeping", "unstable")  # kinds of motion of an upright top
 _NOT_STEADY = (*_UP, "at rest", "hanging", "pendulum")  # that do not precess
 Motions = list[tuple[NDArray[np.int_], FreeMotionType | NutationRange]]  # [(members, their motion)]
@@ -95,9 +96,7 @@ def _facts(motions: Motions, first: int, count: int) -> list[str]:
     return lines
 
 
-def _numbers(
-    motion: FreeMotionType | NutationRange,
-) -> Iterator[tuple[str, NDArray[np.float64], str]]:
+def _numbers(motion: FreeMotionType | NutationRange) -> Iterator[tuple[str, Array, str]]:
     """Yield (label, values, unit) of a free motion or of a nutation."""
     if isinstance(motion, FreeMotionType):
         yield "period", motion.period, "s, of omega in the body"
@@ -130,9 +129,7 @@ def _steady(case: ClosedMotion, motions: Motions, first: int, count: int) -> Ite
         yield f"sleep        {up}, it sleeps {words}"
 
 
-def _waves(
-    moments: NDArray[np.float64], weight: float, momentum: float, theta: float, top: str
-) -> Iterator[str]:
+def _waves(moments: Array, weight: float, momentum: float, theta: float, top: str) -> Iterator[str]:
     """Yield the pushes of waves and of loops, of a top that leans and spins fast enough for both.
 
     Loops end where L_z is L_3 or -L_3: the axis passes through the vertical, and waves beyond.
@@ -147,7 +144,7 @@ def _waves(
     yield f"{waves}; loops beyond, until the axis passes the vertical at {ends} rad/s"
 
 
-def _rates(moments: NDArray[np.float64], weight: float, spin: float, theta: float) -> str:
+def _rates(moments: Array, weight: float, spin: float, theta: float) -> str:
     """Describe the two rates of steady precession, or why there is none."""
     with warnings.catch_warnings(action="ignore", category=SceneWarning):  # the line says it
         slow, fast = steady_precession(moments, weight, spin, theta)

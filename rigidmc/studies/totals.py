@@ -31,6 +31,7 @@ from rigidmc.statistics.measures import Measure, measure, save_for_measures
 from rigidmc.statistics.sums import GROUP, Moments, OrderedSums, moments_of_groups
 from rigidmc.studies.until import without_saves
 
+Array = NDArray[np.float64]
 MORE = 8  # times the members of a block of a file: runs of 100 steps are 1.8 times as fast
 KINDS = ("p", "mean")  # of measures that are sums over members
 
@@ -113,7 +114,7 @@ class _Total(NamedTuple):
     asked: int = 0
     there: int = 0
     successes: int = 0
-    groups: NDArray[np.float64] | None = None
+    groups: Array | None = None
 
     def plus(self, other: "_Total") -> "_Total":
         """Return the total of the members of both, without groups."""
@@ -208,7 +209,7 @@ class _TotalsSink(Sink):
         ]
         attributes = layout.attributes()
         is_sample = not why_no_interval(xr.Dataset(attrs=attributes))
-        table: NDArray[np.float64] = np.array([(*x, x.without) for x in estimates]).reshape(-1, 4)
+        table: Array = np.array([(*x, x.without) for x in estimates]).reshape(-1, 4)
         table[:, 1:3] = np.where(is_sample, table[:, 1:3], np.nan)
         units = [x.units(variables_of(layout.scene)) for x in self._measures]
         variables: dict[str, Any] = {

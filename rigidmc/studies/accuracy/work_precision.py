@@ -26,6 +26,7 @@ from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.variables import StudyVariable, describe, make_dataset
 
+Array = NDArray[np.float64]
 FINEST = 1e-13  # the error at which a ladder ends: smaller errors are rounding
 DEAREST = 40.0  # a ladder also ends at this multiple of the cost of the cheapest rival
 WORDS = {
@@ -37,7 +38,7 @@ WORDS = {
     "lz": "error of L_z, relative to |L|",
 }
 
-Statistic = Callable[[NDArray[np.float64]], Any]
+Statistic = Callable[[Array], Any]
 STATISTICS: dict[str, Statistic] = {
     "median": np.median,
     "p99": lambda errors: np.quantile(errors, 0.99),
@@ -185,16 +186,14 @@ def _errors(ways: list[Candidate]) -> dict[str, Any]:
     return values
 
 
-def _finite_or_inf(statistic: Statistic, errors: NDArray[np.float64]) -> float:
+def _finite_or_inf(statistic: Statistic, errors: Array) -> float:
     """Return a statistic of errors; inf if it falls on infinite errors, nan if none is known."""
     if np.isnan(errors).all():
         return math.nan
     return float(np.nan_to_num(statistic(errors), nan=np.inf, posinf=np.inf))
 
 
-def _horizon(
-    t_end: float, factor: NDArray[np.float64], rate: NDArray[np.float64]
-) -> dict[str, float]:
+def _horizon(t_end: float, factor: Array, rate: Array) -> dict[str, float]:
     """Return the growth of a disturbance, and the time at which rounding alone has grown to 1 rad
     [s]: in half of the members (median), and in the first 1 % of them (p01).
 

@@ -9,6 +9,7 @@ from rigidmc.errors import OptionError, nearest
 from rigidmc.results.labels import in_symbols, label_of, with_degrees
 from rigidmc.views.figures import LIGHT, VALUES, figure_of, new_figure
 
+Array = NDArray[np.float64]
 LOWEST = 1e-14  # changes below it are rounding, and drawn as this
 FREQUENCY = "frequency[1]"
 
@@ -61,9 +62,9 @@ def frequency_map(
     return figure_of(axes)
 
 
-def _quantities(study: xr.Dataset) -> dict[str, NDArray[np.float64]]:
+def _quantities(study: xr.Dataset) -> dict[str, Array]:
     """Return {name: values} of all quantities of the members."""
-    quantities: dict[str, NDArray[np.float64]] = {}
+    quantities: dict[str, Array] = {}
     for name, variable in study.data_vars.items():
         if name in ("status", "change", "why") or variable.ndim > 2:
             continue
