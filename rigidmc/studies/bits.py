@@ -119,6 +119,7 @@ def _motions() -> dict[str, Scene]:
 
 def digest(scene: Scene, threads: int | None = 1, device: str | None = None) -> str:
     """Return the sha256 of all variables of the result of a scene, except derivatives."""
+    # the scenes of the cases are what is compared
     result = simulate(first_and_last(scene), threads=threads, device=device, checks=False)
     # `drift_law` follows from sums that are compared already
     values = result.drop_dims("parameter", errors="ignore").data_vars
@@ -151,7 +152,7 @@ def speeds(word: str) -> Iterator[tuple[str, float, float]]:
     """
     for motion, name in (("free", "rk4"), ("heavy", "rk4"), ("free", "rk8"), ("free", "exact")):
         scene = plain_steps(motion).with_run(integrator=name)
-        run = prepare_scene(scene)
+        run = prepare_scene(scene)  # each is another scene
         plan, rate = run.plan, 1e9 / cost_per_step(run, resolve_device(word))
         each = step_operations(plan.scheme, scene.effects, plan.has_attitude).all
         yield f"{motion}, {name}", rate, rate * each

@@ -93,7 +93,7 @@ def simulate_totals(
     scene = without_saves(save_for_measures(scene.with_run(**options), texts))
     asked = [_sum_measure(text, scene) for text in texts]
     with announce(progress):
-        run = prepare(scene)
+        run = prepare(scene)  # without the saves of the user's scene
         device = "cpu" if run.plan.scheme is None else resolve_device(device)
         block = MORE * block_of(run, threads, device, True)
         sink = _TotalsSink(run.layout, run.members.first, asked)

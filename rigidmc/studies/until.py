@@ -136,7 +136,7 @@ def simulate_until(
         refuse_existing(output, force)
     scene = save_for_measures(scene.with_run(**options), [_SIGN.split(until)[0]])
     _refuse_no_sample(scene, until)
-    run = prepare_scene(without_saves(scene))
+    run = prepare_scene(without_saves(scene))  # for all rounds
     if (count := count_rows(*scene.model.quantities())) is not None:
         most = min(most, count - scene.run.first)
     sample = _Sample(run, goal(until, variables_of(run.scene)), confidence, threads, device)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.studies.linearise.motions import Motion, Problem, distinct, is_same
+from rigidmc.studies.linearise.motions import Motion, Problem, distinct, is_among
 
 Array = NDArray[np.float64]
 Branch = list[Motion | None]  # a steady motion at the values of the grid, None where there is none
@@ -202,8 +202,7 @@ def _is_near(old: Motion, new: Motion) -> bool:
 def _drop_merged(motions: list[Motion | None]) -> None:
     """Replace by None each motion that is the same as one before it."""
     for i, motion in enumerate(motions):
-        others = motions[:i]
-        if motion is not None and any(o is not None and is_same(o, motion) for o in others):
+        if motion is not None and is_among(motion, motions[:i]):
             motions[i] = None
 
 
@@ -214,7 +213,7 @@ def _follow_back(problems: Sequence[Problem], branches: Sequence[Branch]) -> Non
         for k in range(first - 1, -1, -1):
             (motion,) = _tracked(problems[k], [branch[k + 1]])
             others = [b[k] for i, b in enumerate(branches) if i != number]
-            if motion is None or any(o is not None and is_same(o, motion) for o in others):
+            if motion is None or is_among(motion, others):
                 break
             branch[k] = motion
 
@@ -244,7 +243,7 @@ def _end(
     for _ in range(END_HALVINGS):
         middle = 0.5 * (inside + outside)
         new, *beside = _tracked(problem_at(middle), [motion, *others])
-        if new is None or any(o is not None and is_same(o, new) for o in beside):
+        if new is None or is_among(new, beside):
             outside = middle
         else:
             inside, motion, others = middle, new, beside

@@ -150,15 +150,16 @@ class Problem(NamedTuple):
         return [Motion(self.system, states.at(slice(i, i + 1)), *row) for i, row in enumerate(rows)]
 
 
-def is_same(a: Motion, b: Motion) -> bool:
-    """Return whether symmetries carry one motion of a scene into another."""
-    return bool(np.abs(a.signature - b.signature).max() < SAME)
+def is_among(motion: Motion, others: Sequence[Motion | None]) -> bool:
+    """Return whether symmetries carry a motion of a scene into one of others."""
+    apart = (np.abs(o.signature - motion.signature).max() for o in others if o is not None)
+    return any(x < SAME for x in apart)
 
 
 def distinct(motions: Sequence[Motion | None]) -> list[Motion]:
     """Return each motion once, in the order found."""
     kept: list[Motion] = []
     for motion in motions:
-        if motion is not None and not any(is_same(motion, other) for other in kept):
+        if motion is not None and not is_among(motion, kept):
             kept.append(motion)
     return kept

@@ -121,6 +121,7 @@ def start(
 ) -> tuple[Scene, dict[str, Any]]:
     """Return (the scene of the members, saved at each orthonormalisation; the request)."""
     refuse_stops(scene.observables)
+    # another scene than that of the tasks, whose saves follow from its steps and rates
     run = prepare_scene(scene.with_run(save=STATE, keep="full", every=scene.run.t_end))
     if isinstance(settings.get("every"), tuple):
         rule = "exponents are saved at even times: give the time between saves"

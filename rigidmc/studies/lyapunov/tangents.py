@@ -5,8 +5,6 @@ A block holds six derivatives of each number, see `rigidmc.engine.program.Deriva
 derivatives of a state (q, L) along six changes of the start, they are the tangents. Between calls
 of the engine, `TangentProgram` makes them orthonormal again, by operations on whole columns, which
 the linear flow of the tangents keeps.
-Source: Benettin, Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 9; Skokos, Bountis &
-Antonopoulos, Physica D 231 (2007) 30.
 """
 
 from collections.abc import Generator, Sequence
