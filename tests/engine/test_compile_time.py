@@ -22,8 +22,7 @@ from rigidmc.runs import simulate as warm
 from rigidmc.runs.directory import folder as run_directory
 from rigidmc.runs.directory.facts import facts_text
 from rigidmc.scene.sampling import drawn_through
-from tests.tools.commands import invoke
-from tests.tools.torture import ALONE
+from tests.tools.commands import ALONE, invoke
 
 compiles = pytest.mark.skipif(
     os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled"

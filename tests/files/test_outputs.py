@@ -34,9 +34,8 @@ from rigidmc.studies.stress import hard_cases, trust
 from rigidmc.studies.stress import picture as stress_picture
 from rigidmc.views import animation
 from tests.tools import torture_outputs
-from tests.tools.commands import invoke
+from tests.tools.commands import COMMAND, invoke
 from tests.tools.faulty import LINUX, limited
-from tests.tools.torture import COMMAND
 
 pytestmark = LINUX
 
