@@ -7,12 +7,12 @@ import rigidmc as rm
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics import rotation
 from rigidmc.planning.initial import members_at_start
-from rigidmc.studies.linearise import rates, steady
+from rigidmc.studies.linearise import steady, system
 from rigidmc.studies.linearise.motions import Problem
 from rigidmc.studies.linearise.picture import _with_onsets, eigenvalues
 from rigidmc.studies.linearise.stability import jacobians
 from rigidmc.studies.linearise.study import table
-from rigidmc.studies.linearise.symmetries import find_symmetries
+from rigidmc.studies.linearise.system import find_symmetries
 
 G = 9.81
 
@@ -271,7 +271,7 @@ def test_torques_of_a_potential_and_no_others_are_hamiltonian():
         ((rm.Gravity(G), rm.ViscousDamping(1e-9)), False),
         ((rm.QuadraticDrag(0.5),), False),
     ):
-        known, *_ = rates.mechanics_of(rm.Scene(body, effects, start), 0)
+        known, *_ = system.mechanics_of(rm.Scene(body, effects, start), 0)
         assert find_symmetries(known).is_hamiltonian == is_hamiltonian
 
 
@@ -383,7 +383,7 @@ def test_newton_converges_quadratically_and_a_broken_jacobian_does_not(monkeypat
         return steady.solve(problem.system, problem.starts(1), problem.held)[1][0]
 
     assert left() < 1e-14  # measured 2e-16
-    right = rates.rates_of
+    right = system.rates_of
 
     def broken(*given):
         found = right(*given)

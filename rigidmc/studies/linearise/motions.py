@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.linearise import steady
-from rigidmc.studies.linearise.rates import energy_of, mechanics_of
 from rigidmc.studies.linearise.stability import MOTION, Linearised, linearise_motions
 from rigidmc.studies.linearise.steady import SOLVED, States
-from rigidmc.studies.linearise.symmetries import System, find_symmetries
+from rigidmc.studies.linearise.system import System, energy_of, find_symmetries, mechanics_of
 
 Array = NDArray[np.float64]
 SAME = 1e-5  # largest difference of signatures of one motion; double roots are found to 1e-7

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from scipy.linalg import eig
 from scipy.optimize import minimize_scalar
 
-from rigidmc.studies.linearise.rates import rates_of
 from rigidmc.studies.linearise.steady import ALIKE, States, frames, moved, newton_steps, standing
-from rigidmc.studies.linearise.symmetries import (
+from rigidmc.studies.linearise.system import (
     System,
     cross_matrix,
     momentum_rows,
     null_space,
     orbit_rows,
+    rates_of,
     space_to_body,
 )
 

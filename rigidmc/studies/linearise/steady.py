@@ -1,6 +1,6 @@
 """Steady motions of a scene: Newton's method for relative equilibria, from many starts at once.
 
-A steady motion follows the symmetries of the scene, see `rigidmc.studies.linearise.symmetries`.
+A steady motion follows the symmetries of the scene, see `rigidmc.studies.linearise.system`.
 With c_i along the generators (n_i, m_i) and (n, m) = frame + sum c_i (n_i, m_i)::
 
     w(q, l) = A^T n + m,   f(q, l) = l x m,   momenta = momenta of the start
@@ -23,12 +23,12 @@ from rigidmc.mechanics.rotation import from_rotation_vector, quaternion_from_mat
 from rigidmc.physics.dynamics.so3 import multiply
 from rigidmc.scene.sampling import points
 from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
-from rigidmc.studies.linearise.rates import rates_of
-from rigidmc.studies.linearise.symmetries import (
+from rigidmc.studies.linearise.system import (
     System,
     cross_matrix,
     null_space,
     orbit_rows,
+    rates_of,
     space_to_body,
     subalgebra,
 )
