@@ -126,8 +126,8 @@ def map_dataset(
     request, scene, by_member = map_run.request, map_run.scene, map_run.by_member
     variables: dict[str, Any] = {}
 
-    def put(name: str, values: NDArray[Any], text: str, **about: str) -> None:
-        attrs = {**about, "long_name": text}
+    def put(name: str, values: NDArray[Any], text: str, units: str = "1", **more: str) -> None:
+        attrs = {"units": units, "long_name": text, **more}
         variables[name] = tuple(request.sides), values.reshape(request.shape), attrs
 
     share = f"of its {100 * request.confidence:g} % interval"
@@ -138,22 +138,22 @@ def map_dataset(
         *numbers, without = pixels.intervals[measure.text]
         if not is_sample(scene.model):  # all members of a pixel are equal: no interval
             numbers[1:] = np.full((2, without.size), np.nan)
-        about = {"units": measure.units(by_member)}
-        about |= {CENSORED: FOLLOWED} if measure.result.timed else {}
+        units, more = measure.units(by_member), {CENSORED: FOLLOWED} if measure.result.timed else {}
         for name, values, end in zip(names, numbers, ends, strict=True):
-            put(name, values, text + end, **about)
+            put(name, values, text + end, units, **more)
         if (without > 0.0).any():
-            put(lacking, without, f"{measure.text}: fraction of members without a value", units="1")
+            put(lacking, without, f"{measure.text}: fraction of members without a value")
     for (name, text), count in zip(COUNTS.items(), pixels.counts, strict=True):
-        put(name, count, text, units="1")
+        put(name, count, text)
     if computed is not None:
         text = "1 if the pixel was computed, 0 if it copies a computed one nearby"
-        put(COMPUTED, computed.astype("i1"), text)
+        marks = computed.astype("i1").reshape(request.shape)
+        variables[COMPUTED] = tuple(request.sides), marks, {"long_name": text}
     coordinates = {}
     for key, grid in request.grids().items():
         name, *_, log = request.sides[key]
-        about = {"units": unit_at(scene.model, name)}
-        coordinates[key] = (key,), grid.values(), {"long_name": name, **about, "log": int(log)}
+        attrs = {"long_name": name, "units": unit_at(scene.model, name), "log": int(log)}
+        coordinates[key] = (key,), grid.values(), attrs
     facts = {
         "title": scene.title,
         "source": f"rigidmc {VERSION}",
