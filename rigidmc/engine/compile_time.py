@@ -13,7 +13,7 @@ import time
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from rigidmc.engine.compiler.disk_cache import cache_home
+from rigidmc.engine.compiler.disk_cache import cache_home, write_whole
 from rigidmc.files.opening import open_plain
 from rigidmc.processes.progress import say
 
@@ -166,10 +166,7 @@ def _pace() -> float:
 def _learn(pace: float) -> None:
     """Save the pace for other processes, if there is a cache."""
     with contextlib.suppress(OSError, ValueError):
-        path = _file()
-        with open(f"{path}.{os.getpid()}", "w", encoding="ascii", opener=open_plain) as file:
-            file.write(f"{pace:.3f}\n")
-        os.replace(file.name, path)
+        write_whole(_file(), f"{pace:.3f}\n".encode())
 
 
 def _file() -> str:

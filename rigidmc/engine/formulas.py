@@ -273,9 +273,9 @@ class RatesOfChange(NamedTuple):
         t, q, l = moving(self.t, second), moving_each(self.q, dq), moving_each(self.l, dl)
         works, l = l[3:], first_three(l)
         start = corrected_by_work(self.start, self.untracked, works)
-        found = observe_all(self.observables, self.body, self.effects, t, q, l, start, works)
+        readings = observe_all(self.observables, self.body, self.effects, t, q, l, start, works)
         states = begin_all(self.running, self.body, self.effects, t, q, l)
-        return changes_of(found) + first_values(states) + changes_of(states)
+        return changes_of(readings) + first_values(states) + changes_of(states)
 
 
 def begin_all(running, body, effects, t, q, l):

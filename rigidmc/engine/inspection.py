@@ -125,15 +125,15 @@ def compilation_error(
 ) -> Exception:
     """Return the PartError that names the custom classes of code that cannot be compiled; the error
     itself if there are none."""
-    own = {
+    custom = {
         "effects": [e for e in effects if type(e) not in EFFECTS.values()],
         "observables": list(filter(is_own, observables)),
     }
-    names = {key: ", ".join(type(one).__name__ for one in ones) for key, ones in own.items()}
+    names = {key: ", ".join(type(part).__name__ for part in parts) for key, parts in custom.items()}
     table = ", ".join(table for table, words in names.items() if words)
-    for at, ones in (("effects", effects), ("observables", observables)):
-        if found := next((one for one in ones if cause_of(type(one), error)), None):
-            return refused(found, at, error)
+    for at, parts in (("effects", effects), ("observables", observables)):
+        if culprit := next((part for part in parts if cause_of(type(part), error)), None):
+            return refused(culprit, at, error)
     if not table:
         return error
     rule = f"cannot be compiled: {innermost_cause(error)}; {RULE}"
@@ -261,19 +261,19 @@ def _why_scalar_part(
     key = probe, type_key(parts)
 
     def probed() -> str:
-        found = ""
+        reason = ""
         try:
             # On vectors first, then on one number: code that compiles for neither is rejected.
             code = _llvm_of_probe(probe, parts, WIDTH)
         except Exception:  # Numba may fail in any way
-            found = SCALAR_REASON
+            reason = SCALAR_REASON
             try:
                 code = _llvm_of_probe(probe, parts, 1)
             except Exception as error:
                 raise refused(user_part, at, error) from None
         if "NRT_" in code:
             raise refused(user_part, at)
-        return found
+        return reason
 
     if key not in _why_scalar_parts:
         signature = signature_of(KernelKey(probe, parts, "float64", WIDTH, "s"))

@@ -132,7 +132,7 @@ def compile_method(call: Any) -> None:
     name, default, available = call.__name__, inline(call.default), call.available
 
     def resolve(typing_context: Any, part: Any, *values: Any) -> Any:
-        known = len(_inlined)
+        before = len(_inlined)
         if is_custom(part.instance_class):
             copy = copy_of(part.instance_class)
             for called in copy.functions:
@@ -146,11 +146,11 @@ def compile_method(call: Any) -> None:
         function = default if method is None else inline(method)
         if method is not None and is_of_package(method):
             inline_all(sys.modules[method.__module__])
-        if len(_inlined) > known:  # Numba does not know templates that `inline` has just registered
+        if len(_inlined) > before:  # Numba does not know templates that `inline` has registered
             typing_context.refresh()
         kind = typing_context.resolve_value_type(function)
-        given = [part, *(values[i] for i in places)]
-        signature = typing_context.resolve_function_type(kind, given, {})
+        argument_types = [part, *(values[i] for i in places)]
+        signature = typing_context.resolve_function_type(kind, argument_types, {})
 
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             values = [args[0], *(args[1 + i] for i in places)]

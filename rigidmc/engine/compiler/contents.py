@@ -41,10 +41,10 @@ def contents_of(classes: Iterable[type[Any]]) -> dict[str, str]:
                 seen.add(id(word.thing))
                 things.append(word.thing)
             texts.setdefault(what, []).append(text)
-    known = {what: hashlib.sha256(repr(text).encode()).hexdigest() for what, text in texts.items()}
-    known |= {what: UNKNOWN for what, text in texts.items() if UNKNOWN in text}
+    hashes = {what: hashlib.sha256(repr(text).encode()).hexdigest() for what, text in texts.items()}
+    hashes |= {what: UNKNOWN for what, text in texts.items() if UNKNOWN in text}
     # bytecode differs between versions of Python
-    return {"Python": f"{sys.version_info[:2]}", **known} if known else {}
+    return {"Python": f"{sys.version_info[:2]}", **hashes} if hashes else {}
 
 
 def changes(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:

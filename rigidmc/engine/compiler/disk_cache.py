@@ -76,20 +76,25 @@ def store(entry: Entry, content: bytes) -> bool:
         return False
     try:
         path = os.path.join(kernel_folder(), entry.name)
-        part = f"{path}.{os.getpid()}"
-        try:
-            with open(part, "wb", opener=open_plain) as file:
-                file.write(content + _checksum(entry, content))
-            os.replace(part, path)  # no process reads an incomplete file
-        except OSError:
-            with contextlib.suppress(OSError):
-                os.unlink(part)
-            raise
+        write_whole(path, content + _checksum(entry, content))
         delete_unread()
     except (OSError, ValueError) as error:
         log_once(error)
         return False
     return True
+
+
+def write_whole(path: str, content: bytes) -> None:
+    """Write a file of the cache; no process reads an incomplete one."""
+    part = f"{path}.{os.getpid()}"
+    try:
+        with open(part, "wb", opener=open_plain) as file:
+            file.write(content)
+        os.replace(part, path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            os.unlink(part)
+        raise
 
 
 def is_stored(entry: Entry) -> bool:

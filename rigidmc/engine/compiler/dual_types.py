@@ -175,10 +175,10 @@ def part_of_dual(value: Any) -> Any:
 
 def _products(b: Any, ty: DualType, factors: Sequence[tuple[Any, Any]]) -> Any:
     """Return LLVM code for a sum of products, which remembers its factors."""
-    (one, other), *rest = factors
-    total = b.fmul(one, other)
-    for one, other in rest:
-        total = of_llvm("fma")(b, ty.vector, one, other, total)
+    (left, right), *rest = factors
+    total = b.fmul(left, right)
+    for left, right in rest:
+        total = of_llvm("fma")(b, ty.vector, left, right, total)
     total.factors = factors
     return total
 
@@ -195,8 +195,8 @@ def _plus(b: Any, ty: DualType, p: Any, q: Any) -> Any:
     if not _factors_of(p):
         p, q = q, p
     factors = _factors_of(p)
-    for one, other in factors:
-        q = of_llvm("fma")(b, ty.vector, one, other, q)
+    for left, right in factors:
+        q = of_llvm("fma")(b, ty.vector, left, right, q)
     return q if factors else b.fadd(p, q)
 
 
@@ -205,8 +205,8 @@ def _minus(b: Any, ty: DualType, p: Any, q: Any) -> Any:
     if _factors_of(p):
         return _plus(b, ty, p, b.fneg(q))
     factors = _factors_of(q)
-    for one, other in factors:
-        p = of_llvm("fma")(b, ty.vector, b.fneg(one), other, p)
+    for left, right in factors:
+        p = of_llvm("fma")(b, ty.vector, b.fneg(left), right, p)
     return p if factors else b.fsub(p, q)
 
 
@@ -284,10 +284,10 @@ def _absolute(b: Any, ty: DualType, x: Operand) -> tuple[Any, list[Any]]:
 def _copy_sign(b: Any, ty: DualType, x: Operand, y: Operand) -> tuple[Any, list[Any]]:
     value = of_llvm("copysign")(b, ty.vector, x.value, y.value)
     # copysign(1, x y) without the product: whether the sign of x changes
-    one = constant(ty, 1.0)
+    unit = constant(ty, 1.0)
     by = b.fmul(
-        of_llvm("copysign")(b, ty.vector, one, x.value),
-        of_llvm("copysign")(b, ty.vector, one, y.value),
+        of_llvm("copysign")(b, ty.vector, unit, x.value),
+        of_llvm("copysign")(b, ty.vector, unit, y.value),
     )
     return value, [b.fmul(p, by) for p in x.tangents or zeros(ty)]
 

@@ -41,18 +41,18 @@ def _fuse_sum(module: Any, block: Any, instruction: Any) -> list[Any]:
         added.append(ir.instructions.Instruction(block, ty, "fneg", [value]))
         return added[-1]
 
-    one, two = factors
+    factor, other_factor = factors
     vector = isinstance(ty, ir.VectorType)
-    if vector and not isinstance(one.type, ir.VectorType):  # a product shared by all members
-        one, two = (_broadcast(block, ty, x, added) for x in (one, two))
+    if vector and not isinstance(factor.type, ir.VectorType):  # a product shared by all members
+        factor, other_factor = (_broadcast(block, ty, x, added) for x in (factor, other_factor))
     if instruction.opname == "fsub":  # a b - y = fma(a, b, -y);  x - a b = fma(-a, b, x)
         if product is left:
             other = negated(other)
         else:
-            one = negated(one)
+            factor = negated(factor)
     signature = ir.FunctionType(ty, [ty] * 3)
     name = module.declare_intrinsic(f"llvm.fma.{_name(ty)}", (), signature)
-    fma = ir.instructions.CallInstr(block, name, [one, two, other])
+    fma = ir.instructions.CallInstr(block, name, [factor, other_factor, other])
     fma._name = instruction._name  # code is linked as text: users of the sum now use this
     return [*added, fma]
 

@@ -114,8 +114,9 @@ def _refuse_changes(cls: type[Any], reads: Reads) -> None:
     """
     words = [word for each in reads.words for _, word in each]
     things = [word.thing for word in words if isinstance(word, Foreign)]
-    kept = [one for one in things if type(one) is not CPUDispatcher]  # of which there are copies
-    inside = (getattr(getattr(one, "_dispatcher", one), "py_func", None) for one in kept)
+    # of dispatchers there are copies
+    kept = [thing for thing in things if type(thing) is not CPUDispatcher]
+    inside = (getattr(getattr(thing, "_dispatcher", thing), "py_func", None) for thing in kept)
     for function in filter(inspect.isfunction, [*extenders(), *inside]):
         try:
             key = read_all(function).key()
@@ -123,10 +124,10 @@ def _refuse_changes(cls: type[Any], reads: Reads) -> None:
             key = ""
         if key != _first.setdefault(id(function), (function, key))[1]:
             raise _changed(cls, function)
-    made = Counter((id(one.key), one._overload_func.__qualname__) for one in overloads)
-    for one in overloads:
-        if made[id(one.key), one._overload_func.__qualname__] > 1:  # Numba takes the first
-            raise _changed(cls, one._overload_func)
+    made = Counter((id(each.key), each._overload_func.__qualname__) for each in overloads)
+    for each in overloads:
+        if made[id(each.key), each._overload_func.__qualname__] > 1:  # Numba takes the first
+            raise _changed(cls, each._overload_func)
 
 
 def _changed(cls: type[Any], function: Any) -> PartError:
@@ -163,8 +164,8 @@ class _Copier:
 
     def frozen(self, stamp: str | None) -> Frozen:
         """Return the copy of the class, and register all classes among the copies."""
-        functions = [one for one in self.copies.values() if isinstance(one, FunctionType)]
-        kinds = {one: self.copies[id(one)] for one in self.reads.things if isinstance(one, type)}
+        functions = [copied for copied in self.copies.values() if isinstance(copied, FunctionType)]
+        kinds = {cls: self.copies[id(cls)] for cls in self.reads.things if isinstance(cls, type)}
         made = Frozen(object, stamp, kinds, functions, self.package, self.reads)
         for place, kind in enumerate(kinds.values()):
             _copies[kind] = made._replace(kind=kind, stamp=stamp and f"{stamp} {place}")
@@ -204,8 +205,8 @@ class _Copier:
 
     def _namespace(self, names: dict[str, Any]) -> dict[str, Any]:
         kept = ("__name__", "__file__", "__builtins__")
-        known = {name: names[name] for name in kept if name in names}
-        return self.names.setdefault(id(names), known)
+        namespace = {name: names[name] for name in kept if name in names}
+        return self.names.setdefault(id(names), namespace)
 
     def _fill(self, function: FunctionType, made: FunctionType) -> None:
         """Give a copy what the original reads."""

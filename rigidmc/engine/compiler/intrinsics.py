@@ -109,12 +109,12 @@ def _select_each(typing_context, condition, one, other):
         chosen = []
         for i, ty in enumerate(kinds):
             both = [builder.extract_value(x, i) for x in args[1:]]
-            given = [tuple_ty[i] for tuple_ty in sig.args[1:]]
+            pair = [tuple_ty[i] for tuple_ty in sig.args[1:]]
             if isinstance(ty, DualType) and isinstance(condition, MaskType):
-                chosen.append(_select_parts(context, builder, args[0], ty, given, both))
+                chosen.append(_select_parts(context, builder, args[0], ty, pair, both))
             else:
-                pair = [context.cast(builder, *each, ty) for each in zip(both, given, strict=True)]
-                chosen.append(builder.select(args[0], *pair))
+                cast = [context.cast(builder, *each, ty) for each in zip(both, pair, strict=True)]
+                chosen.append(builder.select(args[0], *cast))
         return context.make_tuple(builder, kinds, chosen)
 
     return kinds(condition, one, other), generate

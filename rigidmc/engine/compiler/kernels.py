@@ -138,10 +138,10 @@ def compile_kernel(key: KernelKey) -> tuple[CompiledFunction, NDArray[np.float64
     numbers = np.array(tree_flatten(key.parts) or [0.0])
     if config.DISABLE_JIT:
         return CompiledFunction(key.function, StaticTree(*key.parts), numbers), numbers
-    known = key.of_types
-    if known not in _addresses:
-        _addresses[known] = machine_code.address_of(key.function, signature_of(key))
-    return CompiledFunction(_addresses[known], 0, numbers.ctypes.data), numbers
+    types_key = key.of_types
+    if types_key not in _addresses:
+        _addresses[types_key] = machine_code.address_of(key.function, signature_of(key))
+    return CompiledFunction(_addresses[types_key], 0, numbers.ctypes.data), numbers
 
 
 def is_compiled(key: KernelKey) -> bool:
@@ -211,7 +211,7 @@ def call_address(kernel, arguments):
 
 @intrinsic(call_address)
 def _call(typing_context, kernel, arguments):
-    given = [_PLAIN, _PLAIN, *map(types.unliteral, arguments)]
+    argument_types = [_PLAIN, _PLAIN, *map(types.unliteral, arguments)]
 
     def generate(context, builder, sig, args):
         place = builder.bitcast(args[0], ir.IntType(64).as_pointer())
@@ -220,15 +220,15 @@ def _call(typing_context, kernel, arguments):
             builder.load(builder.gep(place, [ir.Constant(ir.IntType(32), i)])) for i in range(2)
         )
         code = builder.inttoptr(
-            address, context.call_conv.get_function_type(_INT, given).as_pointer()
+            address, context.call_conv.get_function_type(_INT, argument_types).as_pointer()
         )
-        values = [builder.extract_value(args[1], i) for i in range(len(given) - 2)]
+        values = [builder.extract_value(args[1], i) for i in range(len(argument_types) - 2)]
         first = (
             context.get_constant_null(_PLAIN),
             builder.inttoptr(numbers, context.get_value_type(_PLAIN)),
         )
         status, result = context.call_conv.call_function(
-            builder, code, _INT, given, [*first, *values]
+            builder, code, _INT, argument_types, [*first, *values]
         )
         with builder.if_then(status.is_error, likely=False):
             context.call_conv.return_status_propagate(builder, status)

@@ -86,7 +86,7 @@ def lower_function(
                 context.codegen(), identity.func_qualname
             )
             with context.push_code_library(library):
-                lower = FusingLeanLower(context, library, described, code)
+                lower = LeanLower(context, library, described, code)
                 lower.lower()
         except errors.NumbaError as error:  # see `rigidmc.engine.compiler.compose.innermost_cause`
             error.args = f"Failed in nopython mode pipeline\n{error}", *error.args[1:]
@@ -137,8 +137,8 @@ def copy_code(code: Any) -> Any:
     made = copy.copy(code)
     made.blocks = blocks
     made._definitions = copy.copy(code._definitions)  # a dictionary that makes lists
-    for name, found in code._definitions.items():
-        made._definitions[name] = [values.get(id(value), value) for value in found]
+    for name, definitions in code._definitions.items():
+        made._definitions[name] = [values.get(id(value), value) for value in definitions]
     made._consts = ConstantInference(made)
     return made
 
@@ -299,7 +299,7 @@ def _infer(code: Any, arguments: tuple[Any, ...], result: Any, target: Any) -> t
     return typemap, result, calltypes
 
 
-class LeanLower(Lower):
+class LeanLower(Fusing, Lower):
     """Numba's own lowering of a function, without texts of instructions for error messages.
 
     No variable is deleted, and there is no `try`.
@@ -357,8 +357,8 @@ class LeanLower(Lower):
         result = signature.return_type
         if type(kind) is not types.Function or isinstance(result, types.Phantom) or expr.target:
             return super().lower_call(resty, expr)
-        given = self.fold_call_args(kind, signature, expr.args, expr.vararg, expr.kws)
-        value = self.context.get_function(kind, signature)(self.builder, given, self.loc)
+        folded = self.fold_call_args(kind, signature, expr.args, expr.vararg, expr.kws)
+        value = self.context.get_function(kind, signature)(self.builder, folded, self.loc)
         if value is None:
             value = self.context.get_dummy_value()
         return self.context.cast(self.builder, value, result, resty)
@@ -377,10 +377,6 @@ class LeanLower(Lower):
         called = _signature(typing, kind, signature.args)
         result = self.context.get_function(kind, called)(builder, operands)
         return self.context.cast(builder, result, signature.return_type, resty)
-
-
-class FusingLeanLower(Fusing, LeanLower):
-    """`LeanLower`, then `fuse`."""
 
 
 def _heard(tell: Any) -> Any:

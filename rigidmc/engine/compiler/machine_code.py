@@ -50,8 +50,8 @@ def kernel_entry(function: Function, signature: Any) -> Entry:
 def is_known(function: Function, signature: Any) -> bool:
     """Return whether a kernel needs no typing and lowering: it is in memory or on disk."""
     entry = kernel_entry(function, signature)
-    known = entry.name in _addresses or entry.name in _llvm_code
-    return known or is_stored(entry) or is_stored(_of_processor(entry))
+    is_in_memory = entry.name in _addresses or entry.name in _llvm_code
+    return is_in_memory or is_stored(entry) or is_stored(_of_processor(entry))
 
 
 def address_of(function: Function, signature: Any) -> int:

@@ -46,19 +46,19 @@ _SCALAR_ONLY = (
 )  # fmt: skip
 
 
-def _overload_scalar(known: Callable[..., Any]) -> None:
+def _overload_scalar(of_math: Callable[..., Any]) -> None:
     """Register a function of `math` for a vector of one number."""
 
-    @overload(known, jit_options=INLINE)
+    @overload(of_math, jit_options=INLINE)
     def one(x):
         return (
-            (lambda x: cast_like(known(first_number(x)), x))
+            (lambda x: cast_like(of_math(first_number(x)), x))
             if isinstance(x, VectorType) and x.count == 1
             else None
         )
 
 
-def _overload_vector(known: Callable[..., Any], straight: Callable[..., Any], count: int) -> None:
+def _overload_vector(of_math: Callable[..., Any], straight: Callable[..., Any], count: int) -> None:
     """Register `straight` for a function of `math` of `count` arguments.
 
     One of the arguments is a vector.
@@ -66,13 +66,13 @@ def _overload_vector(known: Callable[..., Any], straight: Callable[..., Any], co
     inline(straight)
     if count == 1:
 
-        @overload(known, jit_options=INLINE)
+        @overload(of_math, jit_options=INLINE)
         def one(x):
             return (lambda x: straight(x)) if isinstance(x, _NUMBERS) else None
 
     else:
 
-        @overload(known, jit_options=INLINE)
+        @overload(of_math, jit_options=INLINE)
         def two(x, y):
             vector = isinstance(x, _NUMBERS) or isinstance(y, _NUMBERS)
             return (lambda x, y: straight(x, y)) if vector else None

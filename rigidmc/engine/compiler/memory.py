@@ -176,8 +176,8 @@ def group_of(rows, marks, number):
 def _group_of(typing_context, rows, marks, number):
     ty: Rows = Rows(rows.dtype, rows.count // len(marks), rows.count)
     if isinstance(rows, DualRows):
-        known = rows.tangents, rows.apart, rows.active
-        ty = DualRows(rows.dtype, ty.count, *known, pitch=rows.count)
+        dual_facts = rows.tangents, rows.apart, rows.active
+        ty = DualRows(rows.dtype, ty.count, *dual_facts, pitch=rows.count)
 
     def generate(context, builder, sig, args):
         at = builder.mul(args[2], ir.Constant(_WORD, ty.count))
@@ -329,8 +329,8 @@ def _picked_rows(typing_context, marks, rows, index, row):
         each: list[Any] = [None] * len(places)
         for k in range(rows.count):
             lane = ir.Constant(ir.IntType(32), k)
-            own = builder.fptosi(builder.extract_element(own_rows, lane), _WORD)
-            first = builder.mul(builder.add(own, args[3]), pitch)
+            lane_row = builder.fptosi(builder.extract_element(own_rows, lane), _WORD)
+            first = builder.mul(builder.add(lane_row, args[3]), pitch)
             # A whole row, of which one number is used: a load that merges by a mask is one
             # instruction, an insertion two or more.
             this = ir.Constant(

@@ -33,8 +33,10 @@ def extension() -> str:
 def extenders() -> list[Any]:
     """Return all functions and classes of others that have extended Numba."""
     typing, target = cpu_target.typing_context, cpu_target.target_context
-    known: list[Any] = [templates.builtin_registry, imputils.builtin_registry]
-    for registry in {id(r): r for r in [*known, *typing._registries, *target._registries]}.values():
+    builtin: list[Any] = [templates.builtin_registry, imputils.builtin_registry]
+    for registry in {
+        id(r): r for r in [*builtin, *typing._registries, *target._registries]
+    }.values():
         for name, entries in vars(registry).items():
             if isinstance(entries, list):
                 key = id(registry), name

@@ -69,8 +69,8 @@ def _imports_of(path: str) -> list[str]:
     else Python runs on the way to a module.
     """
     imports = dict[str, None]()
-    for home, names, whole in _IMPORT.findall(_sources()[path]):
-        module = (home or whole).decode()
+    for home, names, imported in _IMPORT.findall(_sources()[path]):
+        module = (home or imported).decode()
         words = _NAME.findall(re.sub(r"#.*", "", names.decode())) if home else [""]
         for word in words:
             if file := _path_of(f"{module}.{word}") or _path_of(module):

@@ -78,10 +78,10 @@ def tree_unflatten(part, rows, first):
     """Return nested tuples of the type of `part`, with numbers rows[first], rows[first + 1], ..."""
     indices = iter(range(first, first + tree_size(part)))
 
-    def like(one):
-        if not isinstance(one, tuple):
+    def like(item):
+        if not isinstance(item, tuple):
             return rows[next(indices)]
-        return type(one)(*map(like, one)) if hasattr(one, "_fields") else tuple(map(like, one))
+        return type(item)(*map(like, item)) if hasattr(item, "_fields") else tuple(map(like, item))
 
     return like(part)
 
@@ -98,16 +98,16 @@ def _read(part: Any, rows: Any, *arguments: Any) -> tuple[Any, Callable[..., Any
     """
     word = types.intp
 
-    def kind_of(one: Any) -> Any:
-        if not isinstance(one, _Tuple):
+    def kind_of(nested: Any) -> Any:
+        if not isinstance(nested, _Tuple):
             return rows.item
-        each = [kind_of(x) for x in one]
-        if not isinstance(one, _NamedTuple):
+        each = [kind_of(x) for x in nested]
+        if not isinstance(nested, _NamedTuple):
             return types.Tuple(each)
-        # As in Numba's own `typeof`: tuples with one type of number are another class of types.
+        # As in Numba's own `typeof`: tuples with nested type of number are another class of types.
         if each and all(x == each[0] for x in each):
-            return types.NamedUniTuple(each[0], len(each), one.instance_class)
-        return types.NamedTuple(each, one.instance_class)
+            return types.NamedUniTuple(each[0], len(each), nested.instance_class)
+        return types.NamedTuple(each, nested.instance_class)
 
     def generate(context: Any, builder: Any, sig: Any, values: Any) -> Any:
         memory = values[sig.args.index(rows)]
@@ -115,10 +115,10 @@ def _read(part: Any, rows: Any, *arguments: Any) -> tuple[Any, Callable[..., Any
         read = partial(get_row, context, builder, rows.item(rows, word))
         count = iter(range(_size_of_type(part)))
 
-        def like(one: Any) -> Any:
-            if not isinstance(one, _Tuple):
+        def like(nested: Any) -> Any:
+            if not isinstance(nested, _Tuple):
                 return read((memory, builder.add(first, context.get_constant(word, next(count)))))
-            return context.make_tuple(builder, kind_of(one), [like(x) for x in one])
+            return context.make_tuple(builder, kind_of(nested), [like(x) for x in nested])
 
         return like(part)
 

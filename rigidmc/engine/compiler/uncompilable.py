@@ -19,6 +19,7 @@ from numba.core.registry import CPUDispatcher
 
 from rigidmc.engine.compiler.user_stamps import (
     Unknown,
+    article,
     cell_value,
     globals_of,
     is_named_tuple,
@@ -185,8 +186,8 @@ def _rule_of_attribute(owner: str, name: str, cls: Any, values: dict[str, Any]) 
 
 
 def _rule_of_value(name: str, value: Any) -> str:
-    known = isinstance(value, (bool, int, float, np.generic, tuple, np.ndarray, type(None)))
-    if known or isinstance(value, (FunctionType, BuiltinFunctionType, CPUDispatcher)):
+    is_plain = isinstance(value, (bool, int, float, np.generic, tuple, np.ndarray, type(None)))
+    if is_plain or isinstance(value, (FunctionType, BuiltinFunctionType, CPUDispatcher)):
         return ""
     if library_name(value) or is_named_tuple(value) or inspect.ismodule(value):
         return ""
@@ -200,8 +201,7 @@ def _kind(value: Any) -> str:
         return "a decorated function"
     if isinstance(value, type):
         return "a class"
-    word = type(value).__name__
-    return f"{'an' if word[0] in 'aeiou' else 'a'} {word}"
+    return article(type(value).__name__)
 
 
 def _cure(value: Any) -> str:

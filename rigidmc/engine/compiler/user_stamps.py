@@ -94,8 +94,8 @@ class Reads(NamedTuple):
     @property
     def unstamped(self) -> str:
         """Why the class has no stamp, "" if it has one."""
-        found = (word.why for each in self.words for _, word in each if isinstance(word, Foreign))
-        return next(found, "")
+        reasons = (word.why for each in self.words for _, word in each if isinstance(word, Foreign))
+        return next(reasons, "")
 
     def key(self) -> str:
         """Return a hash of all words, a stamp if there is one; else it is valid in this process."""
@@ -245,7 +245,7 @@ def words_of_value(value: Any, what: str) -> Words:
         for item in value:
             yield from words_of_value(item, what)
     else:
-        yield what, Foreign(f"{what}, {_article(cls.__name__)}", value)
+        yield what, Foreign(f"{what}, {article(cls.__name__)}", value)
 
 
 def with_sources(name: str) -> str:
@@ -332,5 +332,5 @@ def _label(thing: Any) -> str:
     return str(getattr(thing, "__qualname__", None) or getattr(thing, "__name__", thing))
 
 
-def _article(word: str) -> str:
+def article(word: str) -> str:
     return f"{'an' if word[:1] in 'aeiou' else 'a'} {word}"

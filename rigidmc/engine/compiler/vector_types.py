@@ -161,9 +161,9 @@ def _define(
         return build(builder, sig.args[0], *args)
 
 
-def _by(real: str, whole: str) -> Build:
-    """Return an operation that LLVM's builder calls `real` for floats and `whole` for words."""
-    return lambda b, t, *values: getattr(b, real if t.real else whole)(*values)
+def _by(real: str, word: str) -> Build:
+    """Return an operation that LLVM's builder calls `real` for floats and `word` for words."""
+    return lambda b, t, *values: getattr(b, real if t.real else word)(*values)
 
 
 def of_llvm(name: str) -> Build:

@@ -95,9 +95,8 @@ def _library() -> Any:
     try:
         from cuda.bindings import driver
     except ImportError:
-        raise NoDevice(
-            "cuda: needs the package cuda-bindings: pip install 'rigidmc[cuda]'"
-        ) from None
+        rule = "needs the package cuda-bindings: pip install 'rigidmc[cuda]'"
+        raise NoDevice(f"cuda: {rule}") from None
     return driver
 
 
@@ -109,10 +108,8 @@ def call_driver(name: str, *arguments: Any) -> Any:
     except RuntimeError as missing:  # the driver's library, or a function in it, is missing
         raise NoDevice(f"cuda: the NVIDIA driver is missing or too old: {missing}") from None
     if int(error) != 0:
-        error_name = driver.cuGetErrorName(error)[1]
-        reason = driver.cuGetErrorString(error)[1]
-        text = f"cuda: {name} failed: {_text(error_name)}, {_text(reason)}"
-        raise NoDevice(text)
+        words = (_text(tell(error)[1]) for tell in (driver.cuGetErrorName, driver.cuGetErrorString))
+        raise NoDevice(f"cuda: {name} failed: {', '.join(words)}")
     return answer[0] if len(answer) == 1 else answer
 
 
@@ -127,31 +124,28 @@ def devices() -> tuple[Device, ...]:
     # Queried once per process: a GPU added later is not seen.
     version = call_driver("cuDriverGetVersion")
     attributes = _library().CUdevice_attribute
-    devices_here = []
-    for number in range(call_driver("cuDeviceGetCount")):
+
+    def device(number: int) -> Device:
         handle = call_driver("cuDeviceGet", number)
 
-        def attribute(word: str, one: Any = handle) -> int:
-            return int(
-                call_driver(
-                    "cuDeviceGetAttribute", getattr(attributes, f"CU_DEVICE_ATTRIBUTE_{word}"), one
-                )
-            )
+        def attribute(word: str) -> int:
+            kind = getattr(attributes, f"CU_DEVICE_ATTRIBUTE_{word}")
+            return int(call_driver("cuDeviceGetAttribute", kind, handle))
 
-        devices_here.append(
-            Device(
-                number,
-                _text(call_driver("cuDeviceGetName", 256, handle)),
-                (attribute("COMPUTE_CAPABILITY_MAJOR"), attribute("COMPUTE_CAPABILITY_MINOR")),
-                attribute("MULTIPROCESSOR_COUNT"),
-                1e3 * attribute("CLOCK_RATE"),
-                int(call_driver("cuDeviceTotalMem", handle)),
-                (version // 1000, version % 1000 // 10),
-            )
+        return Device(
+            number,
+            _text(call_driver("cuDeviceGetName", 256, handle)),
+            (attribute("COMPUTE_CAPABILITY_MAJOR"), attribute("COMPUTE_CAPABILITY_MINOR")),
+            attribute("MULTIPROCESSOR_COUNT"),
+            1e3 * attribute("CLOCK_RATE"),
+            int(call_driver("cuDeviceTotalMem", handle)),
+            (version // 1000, version % 1000 // 10),
         )
+
+    devices_here = tuple(map(device, range(call_driver("cuDeviceGetCount"))))
     if not devices_here:
         raise NoDevice("cuda: the driver finds no GPU")
-    return tuple(devices_here)
+    return devices_here
 
 
 def select_devices(number: int | None) -> tuple[Device, ...]:
@@ -164,7 +158,7 @@ def select_devices(number: int | None) -> tuple[Device, ...]:
         raise NoDevice(f"cuda:{number}: the devices are cuda:0 to cuda:{len(every) - 1}")
     wanted = every if number is None else every[number : number + 1]
     # PTX is made for a capability or a later one, so an older GPU rejects it.
-    usable = tuple(found for found in wanted if found.capability >= TARGETS[0])
+    usable = tuple(device for device in wanted if device.capability >= TARGETS[0])
     if not usable:
         rule = "{}.{}; code requires {}.{} or later".format(*wanted[0].capability, *TARGETS[0])
         raise NoDevice(f"cuda:{wanted[0].number}: {wanted[0].name} has compute capability {rule}")
@@ -180,18 +174,18 @@ class Module:
     """
 
     def __init__(self, device: Device, ptx: str, kernel: str, arrays: Sequence[Array]) -> None:
-        one = call_driver("cuDeviceGet", device.number)
+        handle = call_driver("cuDeviceGet", device.number)
         with suppress(NoDevice):  # a waiting thread leaves its core to others
-            call_driver("cuDevicePrimaryCtxSetFlags", one, BLOCKING)
-        self._context = call_driver("cuDevicePrimaryCtxRetain", one)
+            call_driver("cuDevicePrimaryCtxSetFlags", handle, BLOCKING)
+        self._context = call_driver("cuDevicePrimaryCtxRetain", handle)
         with self.entered():
             self._handle = call_driver("cuModuleLoadData", ptx.encode() + b"\0")
             self.kernel = call_driver("cuModuleGetFunction", self._handle, kernel.encode())
             self.threads, self.resident = self._threads()
-            self._held = [call_driver("cuMemAlloc", one.nbytes) for one in arrays]
+            self._held = [call_driver("cuMemAlloc", array.nbytes) for array in arrays]
             self.numbers = list(map(int, self._held))
-            for address, one in zip(self.numbers, arrays, strict=True):
-                call_driver("cuMemcpyHtoD", address, one.ctypes.data, one.nbytes)
+            for address, array in zip(self.numbers, arrays, strict=True):
+                call_driver("cuMemcpyHtoD", address, array.ctypes.data, array.nbytes)
 
     @contextmanager
     def entered(self) -> Iterator[None]:
@@ -258,9 +252,9 @@ class CudaStream:
     def launch(self, frame: int, members: int) -> None:
         """Launch one thread per member, which takes it through the steps of a frame on the GPU."""
         size = self.module.threads
-        given = (frame, 0, members), (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
+        packed = (frame, 0, members), (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
         grid = -(-members // size), 1, 1, size, 1, 1
-        call_driver("cuLaunchKernel", self.module.kernel, *grid, 0, self._handle, given, 0)
+        call_driver("cuLaunchKernel", self.module.kernel, *grid, 0, self._handle, packed, 0)
 
     def wait(self) -> None:
         """Wait until all work queued on the GPU is done."""

@@ -58,8 +58,8 @@ class CudaProgram(LinkedProgram):
         self._turn = itertools.cycle(self.devices[first:] + self.devices[:first])
         self._streams = threading.local()
         self._loading, self._modules = threading.Lock(), dict[Device, Module]()
-        least = min(one.capability for one in self.devices)
-        self.target = "{}.{}".format(*max(one for one in TARGETS if one <= least))
+        least = min(device.capability for device in self.devices)
+        self.target = "{}.{}".format(*max(version for version in TARGETS if version <= least))
         super().__init__(*arguments, **{**named, "lanes": 1})
 
     def make_code(self, target: str) -> str:

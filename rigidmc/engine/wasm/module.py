@@ -34,17 +34,17 @@ def wasm_of(module: llvm.ModuleRef, fused: str) -> bytes:
     Raises OptionError for numbers in float32, and for custom code that calls functions that
     WebAssembly does not have.
     """
-    whole = join_fused(module, fused)
-    for function in whole.functions:
+    joined = join_fused(module, fused)
+    for function in joined.functions:
         if not function.is_declaration and function.name not in EXPORTED:
             function.linkage = "internal"
     machine = target_machine(TRIPLE, features=FEATURES + ",+relaxed-simd" * (fused == RELAXED))
-    optimised = optimise(whole, machine)
+    optimised = optimise(joined, machine)
     sections = dict(_sections(machine.emit_object(optimised)))
     lacking = [name for name in _imports(sections[IMPORT]) if name not in IMPORTED]
     refuse_calls(lacking, "WebAssembly does", "wasm")
     # No function is imported: their numbers count the functions that are defined.
-    defined = [one.name for one in optimised.functions if not one.is_declaration]
+    defined = [function.name for function in optimised.functions if not function.is_declaration]
     entries = [_sized(name.encode()) + b"\0" + _leb(defined.index(name)) for name in EXPORTED]
     sections[EXPORT] = _leb(len(entries)) + b"".join(entries)
     listed = (bytes([kind]) + _sized(sections[kind]) for kind in SECTIONS if kind in sections)

@@ -103,9 +103,9 @@ class WasmProgram(LinkedProgram):
             first = steps.saves_until(steps.first) if steps.first else 0
             new = slice(first, steps.saves_until(steps.last))
             shape = places, self.saved_values, members
-            found = memory.numbers(image.out, int(np.prod(shape))).reshape(shape)
+            saved = memory.numbers(image.out, int(np.prod(shape))).reshape(shape)
             out = saves.out.reshape(-1, self.saved_values, saves.columns)
-            out[new, :, saves.column : saves.column + members] = found[new]
+            out[new, :, saves.column : saves.column + members] = saved[new]
 
 
 class Runtime:
@@ -124,8 +124,8 @@ class Runtime:
         self.memory = w.Memory(self.store, w.MemoryType(w.Limits(len(content) // PAGE, None)))
         number = w.GlobalType(w.ValType.i32(), True)
         pointer = w.Global(self.store, number, w.Val.i32(STACK))
-        known = {"__linear_memory": self.memory, "__stack_pointer": pointer}
-        imports = [known[one.name] for one in made.imports]
+        provided = {"__linear_memory": self.memory, "__stack_pointer": pointer}
+        imports = [provided[item.name] for item in made.imports]
         self.exports = w.Instance(self.store, made, imports).exports(self.store)
         self.memory.write(self.store, content)
 
