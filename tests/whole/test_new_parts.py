@@ -80,8 +80,9 @@ NEW = {
 INSERTED = (
     (
         "studies/stress/free_cases.py",
-        "CASES = {",
+        "FLAT_AND_THIN = {",
         """
+@group("H16", "a new group")
 def new_group():
     scene = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7))
     yield HardCase("a new case", "to show how", largest_change(scene, 10.0, invariants), 1e-3)
@@ -89,8 +90,6 @@ def new_group():
 
 """,
     ),
-    ("studies/stress/free_cases.py", '    "H6": fast_spin,', '    "H16": new_group,'),
-    ("studies/stress/__init__.py", '    "H15": "published ends",', '    "H16": "a new group",'),
     (
         "studies/stability_map/cases.py",
         "MAPS: ",

@@ -15,30 +15,17 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rigidmc.studies.stress.case import HardCase
+    from rigidmc.studies.stress.case import CaseGroup, HardCase
 
-GROUPS = {  # {group: its title}
-    "H1": "principal axes",
-    "H2": "Dzhanibekov",
-    "H3": "separatrix",
-    "H4": "symmetric limits",
-    "H5": "plates and needles",
-    "H6": "fast spin",
-    "H7": "heavy symmetric tops",
-    "H8": "scale",
-    "H9": "very many steps",
-    "H10": "integrable and steady heavy tops",
-    "H11": "chaos",
-    "H12": "refused",
-    "H13": "attitude errors",
-    "H14": "damping",
-    "H15": "published ends",
-}
+
+def groups() -> "dict[str, CaseGroup]":
+    """Return the groups of hard cases by name, in the order of their numbers."""
+    from rigidmc.studies.stress import case, free_cases, heavy_cases, numerical_cases  # noqa: F401
+
+    return dict(sorted(case.GROUPS.items(), key=lambda item: int(item[0][1:])))
 
 
 def catalogue() -> "list[HardCase]":
     """Return all cases, group by group."""
-    from rigidmc.studies.stress import free_cases, heavy_cases, numerical_cases
-
-    cases = {**free_cases.CASES, **heavy_cases.CASES, **numerical_cases.CASES}
-    return [replace(case, group=group) for group in GROUPS for case in cases[group]()]
+    named = groups().items()
+    return [replace(case, group=name) for name, group in named for case in group.cases()]

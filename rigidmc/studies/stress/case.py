@@ -1,6 +1,6 @@
 """One hard case: how it compares an integrator with a truth, and the integrators that claim it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -39,7 +39,7 @@ class HardCase:
     truth, claims : in place of those of the comparison
     weak : {integrator: why it fails the case although it claims it}
     quick : whether `--quick` includes the case
-    group : its group in GROUPS, set by `catalogue`
+    group : its group, set by `catalogue`
     """
 
     name: str
@@ -64,6 +64,26 @@ class HardCase:
     def asked_of(self, integrator: str) -> float | None:
         """Return the bound set by mathematics, None if it comes from measurements."""
         return self.asked(integrator) if callable(self.asked) else self.asked
+
+
+class CaseGroup(NamedTuple):
+    """A group of hard cases: its title, and the function that yields them."""
+
+    title: str
+    cases: Callable[[], Iterator[HardCase]]
+
+
+GROUPS: dict[str, CaseGroup] = {}  # filled by `group`, see `rigidmc.studies.stress.groups`
+
+
+def group(name: str, title: str) -> Callable[..., Callable[[], Iterator[HardCase]]]:
+    """Make a function that yields hard cases a group, such as "H16"."""
+
+    def registered(cases: Callable[[], Iterator[HardCase]]) -> Callable[[], Iterator[HardCase]]:
+        GROUPS[name] = CaseGroup(title, cases)
+        return cases
+
+    return registered
 
 
 def makes_steps(name: str) -> bool:

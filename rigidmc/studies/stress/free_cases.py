@@ -1,6 +1,6 @@
 """Hard cases of a free body: groups H1 to H6.
 
-A group is a function that yields its `HardCase`s, and an entry of CASES at the end of the file.
+A group is a function with `@group` that yields its `HardCase`s.
 """
 
 import math
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.studies.stress.case import HardCase
+from rigidmc.studies.stress.case import HardCase, group
 from rigidmc.studies.stress.motions import (
     UPRIGHT,
     direction,
@@ -33,6 +33,7 @@ AXIS_BODIES = {
 }
 
 
+@group("H1", "principal axes")
 def principal_axes() -> Iterator[HardCase]:
     """Yield spins about principal axes: steady rotations in which rounding must not grow."""
     for word, moments in AXIS_BODIES.items():
@@ -67,6 +68,7 @@ def _for_high_order(bound: float) -> Callable[[str], float | None]:
     return lambda name: bound if INTEGRATORS[name].order >= 6 else None
 
 
+@group("H2", "Dzhanibekov")
 def dzhanibekov() -> Iterator[HardCase]:
     """Yield flips of a body that spins about its middle axis (Dzhanibekov effect)."""
     for eps in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-13, 1e-15):
@@ -94,6 +96,7 @@ def dzhanibekov() -> Iterator[HardCase]:
     )
 
 
+@group("H3", "separatrix")
 def separatrix() -> Iterator[HardCase]:
     """Yield free motions on and near the separatrix, where the modulus is 1 to rounding."""
     for word in ("separatrix", "separatrix_below", "separatrix_above", "near_middle_axis_13"):
@@ -123,6 +126,7 @@ SYMMETRIC_BODIES = {
 }
 
 
+@group("H4", "symmetric limits")
 def symmetric_limits() -> Iterator[HardCase]:
     """Yield bodies with equal and nearly equal moments, where formulas change their form."""
     for word, moments in SYMMETRIC_BODIES.items():
@@ -165,6 +169,7 @@ FLAT_AND_THIN = {
 }
 
 
+@group("H5", "plates and needles")
 def plates_and_needles() -> Iterator[HardCase]:
     """Yield bodies at the edge of the triangle inequality, and bodies with very unequal moments."""
     for word, why in FLAT_AND_THIN.items():
@@ -187,6 +192,7 @@ TOO_LONG_STEPS = {
 }
 
 
+@group("H6", "fast spin")
 def fast_spin() -> Iterator[HardCase]:
     """Yield steps that are long compared to the rotation: a result must be right or flagged."""
     scene = tops((1.0, 1.4, 2.0), (3.0, 0.2, 1.0))
@@ -199,13 +205,3 @@ def fast_spin() -> Iterator[HardCase]:
             asked=0.5,
             weak=TOO_LONG_STEPS.get(angle, {}),
         )
-
-
-CASES = {
-    "H1": principal_axes,
-    "H2": dzhanibekov,
-    "H3": separatrix,
-    "H4": symmetric_limits,
-    "H5": plates_and_needles,
-    "H6": fast_spin,
-}

@@ -17,7 +17,8 @@ from rigidmc.errors import FileError, OptionError, RigidmcError, unknown
 from rigidmc.files.outputs import write_bytes
 from rigidmc.files.reading import harmless, text_of
 from rigidmc.physics.integrators import INTEGRATORS
-from rigidmc.studies.stress import GROUPS, catalogue
+from rigidmc.studies.stress import catalogue
+from rigidmc.studies.stress import groups as all_groups
 from rigidmc.studies.stress.case import HardCase
 from rigidmc.studies.stress.processes import Outcome, carry_out
 from rigidmc.version import VERSION
@@ -41,7 +42,7 @@ def run_cases(
 ) -> xr.Dataset:
     """Run the catalogue of hard cases; return a Dataset over `case` and `integrator`.
 
-    groups : keys of GROUPS, by default all;  integrators : names, by default all
+    groups : names of groups, by default all;  integrators : names, by default all
     quick : only cases marked `quick`, the integrators QUICK, and a fiftieth of the steps
     bounds : {(case, integrator): bound}, in place of the shipped ones
     threads : number of processes, by default one per core
@@ -50,9 +51,10 @@ def run_cases(
     `rigidmc.stress` describes the variables.
     Raises OptionError for unknown names and for bounds that are negative or not finite.
     """
-    names, chosen = list(integrators or (QUICK if quick else INTEGRATORS)), list(groups or GROUPS)
+    names, titles = list(integrators or (QUICK if quick else INTEGRATORS)), all_groups()
+    chosen = list(groups or titles)
     _refuse_unknown("integrator", names, INTEGRATORS, at="integrator", error=OptionError)
-    _refuse_unknown("group of hard cases", chosen, GROUPS, at="group", error=OptionError)
+    _refuse_unknown("group of hard cases", chosen, titles, at="group", error=OptionError)
     cases, limits = catalogue(), shipped_bounds()
     for key, bound in (bounds or {}).items():
         limits[key] = (_checked(key, bound), limits.get(key, (0.0, math.nan))[1])

@@ -1,6 +1,6 @@
 """Hard cases of a heavy top: groups H7, H10 and H11.
 
-A group is a function that yields its `HardCase`s, and an entry of CASES at the end of the file.
+A group is a function with `@group` that yields its `HardCase`s.
 """
 
 import math
@@ -12,7 +12,7 @@ import numpy as np
 from rigidmc.mechanics.euler_rates import omega_from_euler_rates
 from rigidmc.mechanics.rotation import from_euler, matrix
 from rigidmc.physics.dynamics.so3 import vertical
-from rigidmc.studies.stress.case import Comparison, HardCase, makes_steps
+from rigidmc.studies.stress.case import Comparison, HardCase, group, makes_steps
 from rigidmc.studies.stress.motions import (
     HANGING,
     UPRIGHT,
@@ -79,6 +79,7 @@ def top_starts() -> dict[str, TopStart]:
     }  # fmt: skip
 
 
+@group("H7", "heavy symmetric tops")
 def heavy_tops() -> Iterator[HardCase]:
     """Yield heavy symmetric tops: equilibria, sleeping tops, cusps, loops, passages of the
     vertical."""
@@ -102,6 +103,7 @@ def heavy_tops() -> Iterator[HardCase]:
     )
 
 
+@group("H10", "integrable and steady heavy tops")
 def integrable_tops() -> Iterator[HardCase]:
     """Yield integrable (Kovalevskaya, Goryachev-Chaplygin) and steady tops (Staude, Grioli)."""
     attitude = tuple(from_euler((0.3, 1.1, 0.4)))
@@ -206,6 +208,7 @@ def grioli_precession() -> Comparison:
     return Comparison(error, "closed form (Grioli 1947)", scene.effects, makes_steps)
 
 
+@group("H11", "chaos")
 def chaos() -> Iterator[HardCase]:
     """Yield chaotic tops: bits must not depend on the blocks, and invariants must be conserved."""
     moments, momentum = random_tops(64, 2)
@@ -232,10 +235,3 @@ def chaos() -> Iterator[HardCase]:
         "positions are unpredictable, but invariants must be conserved",
         largest_change(heavy, 100.0, invariants),
     )
-
-
-CASES = {
-    "H7": heavy_tops,
-    "H10": integrable_tops,
-    "H11": chaos,
-}

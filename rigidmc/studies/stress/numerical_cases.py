@@ -1,6 +1,6 @@
 """Hard cases of numerics: groups H8, H9 and H12 to H15.
 
-A group is a function that yields its `HardCase`s, and an entry of CASES at the end of the file.
+A group is a function with `@group` that yields its `HardCase`s.
 """
 
 import math
@@ -23,6 +23,7 @@ from rigidmc.studies.stress.case import (
     Comparison,
     HardCase,
     claims_all,
+    group,
     keeps_free_invariants,
     loses_free_invariants,
     makes_steps,
@@ -69,6 +70,7 @@ SCALED_BODIES = {
 }
 
 
+@group("H8", "scale")
 def scale() -> Iterator[HardCase]:
     """Yield very large and small numbers, other units, zeros, denormal numbers, backward steps."""
     yield from _sizes()
@@ -176,6 +178,7 @@ def _leaning_top() -> Scene:
 STEPS = 1_000_000
 
 
+@group("H9", "very many steps")
 def many_steps() -> Iterator[HardCase]:
     """Yield drifts of invariants over a million steps and more: growth of rounding errors."""
     scene = tops(*random_tops())
@@ -231,6 +234,7 @@ def _refused(
     return HardCase(name, why, is_refused(call, rule, claims), asked=0.0)
 
 
+@group("H12", "refused")
 def refusals() -> Iterator[HardCase]:
     """Yield calls that must be refused with a reason."""
     yield _refused(
@@ -268,6 +272,7 @@ def _error_of_small_angles(integrator: str, share: float) -> float:
     return float(np.abs(measured - np.tile(angles, 2)).max())
 
 
+@group("H13", "attitude errors")
 def attitude_errors() -> Iterator[HardCase]:
     """Yield the test of the attitude error itself, at very small angles."""
     yield HardCase(
@@ -280,6 +285,7 @@ def attitude_errors() -> Iterator[HardCase]:
     )
 
 
+@group("H14", "damping")
 def damping_cases() -> Iterator[HardCase]:
     """Yield damped free bodies, whose closed form is the undamped motion at another time."""
     slow = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7), damping=0.2)
@@ -298,6 +304,7 @@ def damping_cases() -> Iterator[HardCase]:
     )
 
 
+@group("H15", "published ends")
 def published_cases() -> Iterator[HardCase]:
     """Yield published ends of named problems, see `rigidmc.studies.stress.problems`."""
     for word in ("nasa_brick", "toms903_step", "hairer_free", "hairer_heavy", "cardona_top"):
@@ -308,13 +315,3 @@ def published_cases() -> Iterator[HardCase]:
             against_end(problem),
             quick=word in ("hairer_heavy", "nasa_brick"),
         )
-
-
-CASES = {
-    "H8": scale,
-    "H9": many_steps,
-    "H12": refusals,
-    "H13": attitude_errors,
-    "H14": damping_cases,
-    "H15": published_cases,
-}

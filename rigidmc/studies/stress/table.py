@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rigidmc.results.labels import count_text
-from rigidmc.studies.stress import GROUPS
+from rigidmc.studies.stress import groups
 from rigidmc.studies.stress.hard_cases import AMBER, VERDICTS
 
 _STYLES = {
@@ -76,14 +76,14 @@ def _sheet(study: xr.Dataset, ratio: NDArray[np.float64]) -> Table:
     sheet.columns[0].no_wrap = True
     for column in sheet.columns[1:]:
         column.justify = "right"
-    last = None
+    last, titles = None, groups()
     for case, group, verdicts, ratios in zip(
         study.case.values, study.group.values, study.verdict.values, ratio, strict=True
     ):
         if group != last:
             last = group
             sheet.add_section()
-            sheet.add_row(Text(f"{last} {GROUPS[last]}", style="bold"))
+            sheet.add_row(Text(f"{last} {titles[last].title}", style="bold"))
         cells = zip(verdicts, ratios, strict=True)
         sheet.add_row(case, *(_cell(VERDICTS[verdict], value) for verdict, value in cells))
     return sheet
