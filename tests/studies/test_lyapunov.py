@@ -157,7 +157,7 @@ def test_orthonormal_vectors_and_indices():
     assert np.abs(r.transpose(0, 2, 1) @ after - before).max() < 1e-14  # of all nine rows
     assert np.abs(tangents.MIXED @ tangents.MIXED.T - np.eye(6)).max() < 1e-14
     assert np.abs(tangents.MIXED).min() > 0.07
-    growth, whole = tangents.Growth(5), np.eye(6)[None]
+    growth, whole = tangents.TangentGrowth(5), np.eye(6)[None]
     for _ in range(4):
         step = np.triu(rng.normal(size=(5, 6, 6)))
         step[:, range(6), range(6)] = np.exp(rng.normal(size=(5, 6)))

@@ -35,7 +35,7 @@ from rigidmc.scene.sampling import FamilyDesign
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.statistics.measures import Variables, save_for_measures
 from rigidmc.studies.framework.variables import describe
-from rigidmc.studies.framework.work import Work
+from rigidmc.studies.framework.work import StudyWork
 
 
 def compute_batches(
@@ -100,7 +100,7 @@ class Batches(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Members(Work):
+class Members(StudyWork):
     """The work of a study that evaluates the members of one scene.
 
     design : (scene with the settings, options, settings) -> the scene with the members of

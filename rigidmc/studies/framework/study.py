@@ -16,7 +16,7 @@ from rigidmc.scene.scene import Scene, as_scene
 from rigidmc.scene.settings import Run, no_such_keyword
 from rigidmc.studies.framework.options import NoOptions, Option, Options, options_of, parameter
 from rigidmc.studies.framework.variables import StudyVariable, returned
-from rigidmc.studies.framework.work import Work
+from rigidmc.studies.framework.work import StudyWork
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -76,7 +76,7 @@ class Study:
     name: str
     text: str
     options: type[Options]
-    work: Work
+    work: StudyWork
     table: Callable[[xr.Dataset], list[Any]]
     picture: str
     example: Example

@@ -31,13 +31,13 @@ from rigidmc.runs.settled import Machine
 from rigidmc.scene.scene import Scene
 from rigidmc.studies import STUDIES, load_study
 from rigidmc.studies.framework.variables import describe
-from rigidmc.studies.framework.work import Work
+from rigidmc.studies.framework.work import StudyWork
 
 Design = tuple[Scene, dict[str, Any]]  # scene and request, common to all tasks of a study
 
 
 @dataclass(frozen=True)
-class Tasks(Work):
+class Tasks(StudyWork):
     """The work of a study that consists of tasks; each task is a shard of its run directory.
 
     design : (scene with the settings, options, settings) -> (scene of the tasks, request: their

@@ -12,7 +12,7 @@ from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.variables import describe
 
 
-class Work:
+class StudyWork:
     """The computation of a study: `Direct`, `Members`, `Tasks`, or a custom one.
 
     sources : argument of its command
@@ -55,7 +55,7 @@ class Work:
 
 
 @dataclass(frozen=True)
-class Direct(Work):
+class Direct(StudyWork):
     """The work of a study that one call computes, and that has no run directory.
 
     run : (scene with the settings, options, threads, progress) -> the Dataset

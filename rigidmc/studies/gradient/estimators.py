@@ -88,7 +88,7 @@ def of_score(values: Array, scores: Array, confidence: float) -> Interval:
     return Interval(value, value - half, value + half)
 
 
-class Growth(NamedTuple):
+class PathGrowth(NamedTuple):
     """How tangents of members grow, and how few of them carry a mean.
 
     exponent : median log growth over the whole run, nan if unknown
@@ -99,7 +99,7 @@ class Growth(NamedTuple):
     carriers: float
 
 
-def growth_of(half: Array, end: Array, rates: Array) -> Growth:
+def growth_of(half: Array, end: Array, rates: Array) -> PathGrowth:
     """Measure growth from sizes of tangents at half of the time and at the end (n,): twice the
     median of ln(end/half). It is 2 ln 2 for linear growth, and
     lambda t for chaos."""
@@ -107,7 +107,7 @@ def growth_of(half: Array, end: Array, rates: Array) -> Growth:
         logs = np.log(end / half)
         logs = logs[np.isfinite(logs)]
     exponent = 2.0 * float(np.median(logs)) if logs.size else math.nan
-    return Growth(exponent, carriers_of(rates))
+    return PathGrowth(exponent, carriers_of(rates))
 
 
 def carriers_of(terms: Array) -> float:

@@ -160,7 +160,7 @@ def with_ends(part: xr.Dataset) -> xr.Dataset:
     return part.assign({f"{n}{end}": last for n, last in ends.items() for end in ENDS})
 
 
-class Numbers(NamedTuple):
+class MemberNumbers(NamedTuple):
     """The numbers of members from which a gradient is estimated.
 
     values : of each measure (measure, n)
@@ -179,8 +179,8 @@ class Numbers(NamedTuple):
     is_good: NDArray[np.bool_]
 
 
-def _numbers(part: xr.Dataset, question: Question) -> Numbers:
-    """Return the Numbers of the members of a result."""
+def _numbers(part: xr.Dataset, question: Question) -> MemberNumbers:
+    """Return the MemberNumbers of the members of a result."""
     count, names = part.sizes["member"], question.names
     is_good = part.status.values == 0
     tangents = np.full((3, len(question.asked), len(names), count), np.nan)
@@ -203,11 +203,11 @@ def _numbers(part: xr.Dataset, question: Question) -> Numbers:
         of_members[j] = score(numbers if len(drawn) > 1 else numbers[0])
     values = np.stack([asked.measure.numbers(part) for asked in question.asked])
     rates, half, end = tangents
-    return Numbers(values, rates, half, end, of_members, is_good[None])
+    return MemberNumbers(values, rates, half, end, of_members, is_good[None])
 
 
 def _tangents(asked: Asked, derivatives: xr.DataArray, times: Array) -> tuple[Array, Array, Array]:
-    """Return the `rates`, `half` and `end` of `Numbers`, (parameter, n) each."""
+    """Return the `rates`, `half` and `end` of `MemberNumbers`, (parameter, n) each."""
     if "time" in derivatives.dims:
         middle = int(np.abs(times - 0.5 * times[-1]).argmin())
         derivatives = derivatives.isel(time=[middle, -1])
@@ -222,7 +222,7 @@ def _tangents(asked: Asked, derivatives: xr.DataArray, times: Array) -> tuple[Ar
 
 def reduce(batches: Batches, options: GradientOptions) -> xr.Dataset:
     """Return the Dataset of the study of members."""
-    scene, parts, question = batches.scene, list[Numbers](), None
+    scene, parts, question = batches.scene, list[MemberNumbers](), None
     for part in map(with_ends, batches.results):
         if question is None:
             wrt = options.wrt or tuple(map(str, part.parameter.values))
@@ -234,7 +234,7 @@ def reduce(batches: Batches, options: GradientOptions) -> xr.Dataset:
             steps = [_steps(part) if name in by_noise else 0 for name in question.names]
         parts.append(_numbers(part, question))
     assert question is not None
-    numbers = Numbers(*(np.concatenate(x, axis=-1) for x in zip(*parts, strict=True)))
+    numbers = MemberNumbers(*(np.concatenate(x, axis=-1) for x in zip(*parts, strict=True)))
     derivative, value, growth, carriers = _estimates(question, numbers, options.confidence)
     if not is_sample(scene.model) or scene.run.points != "independent":
         derivative[1:], value[1:] = np.nan, np.nan  # the members are not independent draws
@@ -269,7 +269,7 @@ def _steps(part: xr.Dataset) -> int:
 
 
 def _estimates(
-    question: Question, numbers: Numbers, confidence: float
+    question: Question, numbers: MemberNumbers, confidence: float
 ) -> tuple[Array, Array, Array, Array]:
     """Return (derivatives with their ends (3, measure, parameter), measures with theirs
     (3, measure), growth and carriers (measure, parameter))."""

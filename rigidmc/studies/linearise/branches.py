@@ -12,10 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.studies.linearise.motions import Motion, Problem, distinct, is_among
+from rigidmc.studies.linearise.motions import Problem, SteadyMotion, distinct, is_among
 
 Array = NDArray[np.float64]
-Branch = list[Motion | None]  # a steady motion at the values of the grid, None where there is none
+# a steady motion at the values of the grid, None where there is none
+Branch = list[SteadyMotion | None]
 HALVINGS = 32  # of an interval of the grid, where stability changes
 END_HALVINGS = 16  # where a branch ends: its motions are known to the root of the step there
 FAR = 0.5  # rad, or relative change of the momentum: a larger step leaves the branch
@@ -29,7 +30,7 @@ PITCHFORK, TRANSCRITICAL, FOLD = "pitchfork", "transcritical", "fold"
 HOPF, HAMILTONIAN_HOPF, ZERO, END = "Hopf", "Hamiltonian Hopf", "zero eigenvalue", "end"
 
 
-class Event(NamedTuple):
+class BranchEvent(NamedTuple):
     """A change of stability of one branch, or its end, before it is known what meets there.
 
     value : of the parameter;  step : of the grid
@@ -53,7 +54,7 @@ class Event(NamedTuple):
         """Whether the branch ends."""
         return bool(np.isnan(self.frequency))
 
-    def is_with(self, other: "Event") -> bool:
+    def is_with(self, other: "BranchEvent") -> bool:
         """Return whether two events may be one bifurcation."""
         return abs(self.value - other.value) < TOGETHER * self.step
 
@@ -67,7 +68,7 @@ class Bifurcation(NamedTuple):
     """
 
     kind: str
-    event: Event
+    event: BranchEvent
     others: tuple[int, ...]
 
 
@@ -126,7 +127,7 @@ def follow(
     return values, branches, _bifurcations(events, is_hamiltonian)
 
 
-def _bifurcations(events: Sequence[Event], is_hamiltonian: bool) -> list[Bifurcation]:
+def _bifurcations(events: Sequence[BranchEvent], is_hamiltonian: bool) -> list[Bifurcation]:
     """Return the bifurcations that changes of stability and ends of branches make up."""
     bifurcations, left = list[Bifurcation](), list(events)
 
@@ -164,10 +165,10 @@ def _bifurcations(events: Sequence[Event], is_hamiltonian: bool) -> list[Bifurca
     return sorted(bifurcations, key=lambda bifurcation: bifurcation.event.value)
 
 
-def _tracked(problem: Problem, before: Sequence[Motion | None]) -> list[Motion | None]:
+def _tracked(problem: Problem, before: Sequence[SteadyMotion | None]) -> list[SteadyMotion | None]:
     """Return the motions that continue those at a neighbouring value."""
     there = [(i, motion) for i, motion in enumerate(before) if motion is not None]
-    after: list[Motion | None] = [None] * len(before)
+    after: list[SteadyMotion | None] = [None] * len(before)
     solved = problem.solved(problem.states_of([motion.guess for _, motion in there]))
     for (i, old), new in zip(there, solved, strict=True):
         after[i] = new if new is not None and _is_near(old, new) else None
@@ -175,8 +176,8 @@ def _tracked(problem: Problem, before: Sequence[Motion | None]) -> list[Motion |
 
 
 def _by_halves(
-    problem_at: Solve, start: float, end: float, motion: Motion, depth: int
-) -> Motion | None:
+    problem_at: Solve, start: float, end: float, motion: SteadyMotion, depth: int
+) -> SteadyMotion | None:
     """Return the motion that continues one from a value to another, in steps that are halved where
     they fail, or None."""
     middle, at = 0.5 * (start + end), start
@@ -190,7 +191,7 @@ def _by_halves(
     return motion
 
 
-def _is_near(old: Motion, new: Motion) -> bool:
+def _is_near(old: SteadyMotion, new: SteadyMotion) -> bool:
     """Return whether two motions at neighbouring values may be one."""
     (q, l), (p, m) = old.guess, new.guess
     size = float(max(np.linalg.norm(l), np.linalg.norm(m)))
@@ -199,7 +200,7 @@ def _is_near(old: Motion, new: Motion) -> bool:
     return bool(turned < FAR and np.linalg.norm(l - m) < FAR * (size + 1e-6 * unit))
 
 
-def _drop_merged(motions: list[Motion | None]) -> None:
+def _drop_merged(motions: list[SteadyMotion | None]) -> None:
     """Replace by None each motion that is the same as one before it."""
     for i, motion in enumerate(motions):
         if motion is not None and is_among(motion, motions[:i]):
@@ -218,7 +219,7 @@ def _follow_back(problems: Sequence[Problem], branches: Sequence[Branch]) -> Non
             branch[k] = motion
 
 
-def _nearest(motion: Motion, others: Sequence[Motion | None]) -> tuple[int, float]:
+def _nearest(motion: SteadyMotion, others: Sequence[SteadyMotion | None]) -> tuple[int, float]:
     """Return (number, distance) of the motion nearest to one; (-1, inf) without one."""
     apart = [
         np.inf if o is None else float(np.abs(o.signature - motion.signature).max()) for o in others
@@ -231,10 +232,10 @@ def _end(
     problem_at: Solve,
     inside: float,
     outside: float,
-    motion: Motion,
-    others: Sequence[Motion | None],
+    motion: SteadyMotion,
+    others: Sequence[SteadyMotion | None],
     number: int,
-) -> Event:
+) -> BranchEvent:
     """Return the end of a branch between a value where it exists and one where it does not.
 
     others : the motions of all branches where it exists, None for its own
@@ -249,18 +250,18 @@ def _end(
             inside, motion, others = middle, new, beside
     growing = (motion.growing, 0) if is_last else (0, motion.growing)
     value = 0.5 * (inside + outside)
-    return Event(number, value, step, *_nearest(motion, others), np.nan, growing, is_last)
+    return BranchEvent(number, value, step, *_nearest(motion, others), np.nan, growing, is_last)
 
 
 def _change(
     problem_at: Solve,
     low: float,
     high: float,
-    below: Motion,
-    above: Motion,
-    others: Sequence[Motion | None],
+    below: SteadyMotion,
+    above: SteadyMotion,
+    others: Sequence[SteadyMotion | None],
     number: int,
-) -> Event:
+) -> BranchEvent:
     """Return where the number of growing changes of a branch changes between two values.
 
     others : the motions of all branches at the lower value, None for its own
@@ -280,4 +281,4 @@ def _change(
     turning = float(abs(leaving.imag))
     turning = turning * more.system.mechanics.rate if turning > 1e-3 else 0.0
     value = 0.5 * (low + high)
-    return Event(number, value, step, *_nearest(below, others), turning, (first, last))
+    return BranchEvent(number, value, step, *_nearest(below, others), turning, (first, last))

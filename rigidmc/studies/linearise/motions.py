@@ -19,7 +19,7 @@ SAME = 1e-5  # largest difference of signatures of one motion; double roots are 
 NEAR = 1e-3
 
 
-class Motion(NamedTuple):
+class SteadyMotion(NamedTuple):
     """One steady motion, and the linearised motion about it.
 
     state : with one column;  residual : largest of its equations, in scaled units
@@ -91,16 +91,16 @@ class Problem(NamedTuple):
         """Return states to search from, that of the member first."""
         return steady.search_starts(self.system, self.q, self.l, count)
 
-    def solved(self, starts: States) -> list[Motion | None]:
+    def solved(self, starts: States) -> list[SteadyMotion | None]:
         """Return the steady motion found from each state, None where the search fails."""
         states, left, _ = self._solve(starts)
         good = np.flatnonzero(left < SOLVED)
-        motions: list[Motion | None] = [None] * len(left)
+        motions: list[SteadyMotion | None] = [None] * len(left)
         for i, motion in zip(good, self._motions(states.at(good), left[good]), strict=True):
             motions[i] = motion
         return motions
 
-    def search(self, count: int) -> list[Motion]:
+    def search(self, count: int) -> list[SteadyMotion]:
         """Return the steady motions found from `count` states, each once, in the order found."""
         states, left, is_near = self._solve(self.starts(count))
         good = np.flatnonzero(left < SOLVED)
@@ -138,26 +138,27 @@ class Problem(NamedTuple):
         left[failed[take]] = near_left[take]
         return states.with_at(failed[take], near.at(take)), left, is_near
 
-    def _motions(self, states: States, left: Array) -> list[Motion]:
+    def _motions(self, states: States, left: Array) -> list[SteadyMotion]:
         """Return the Motions of steady states with their residuals."""
         if not len(left):
             return []
         states = steady.seen_from_body(self.system, states)
         seen = steady.signatures(self.system, states)
         linear = linearise_motions(self.system, states)
-        rows = zip(left.tolist(), seen, linear, strict=True)
-        return [Motion(self.system, states.at(slice(i, i + 1)), *row) for i, row in enumerate(rows)]
+        each = (states.at(slice(i, i + 1)) for i in range(len(left)))
+        rows = zip(each, left.tolist(), seen, linear, strict=True)
+        return [SteadyMotion(self.system, *row) for row in rows]
 
 
-def is_among(motion: Motion, others: Sequence[Motion | None]) -> bool:
+def is_among(motion: SteadyMotion, others: Sequence[SteadyMotion | None]) -> bool:
     """Return whether symmetries carry a motion of a scene into one of others."""
     apart = (np.abs(o.signature - motion.signature).max() for o in others if o is not None)
     return any(x < SAME for x in apart)
 
 
-def distinct(motions: Sequence[Motion | None]) -> list[Motion]:
+def distinct(motions: Sequence[SteadyMotion | None]) -> list[SteadyMotion]:
     """Return each motion once, in the order found."""
-    kept: list[Motion] = []
+    kept: list[SteadyMotion] = []
     for motion in motions:
         if motion is not None and not is_among(motion, kept):
             kept.append(motion)

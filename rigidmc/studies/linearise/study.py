@@ -56,7 +56,7 @@ from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 from rigidmc.studies.framework.work import Direct
 from rigidmc.studies.linearise.branches import Bifurcation, follow
-from rigidmc.studies.linearise.motions import Motion, Problem
+from rigidmc.studies.linearise.motions import Problem, SteadyMotion
 from rigidmc.studies.linearise.stability import MOTION
 from rigidmc.studies.linearise.steady import frames
 
@@ -194,7 +194,7 @@ def _values(name: str, low: float, high: float, log: bool, points: int) -> Array
     return np.geomspace(low, high, points) if log else np.linspace(low, high, points)
 
 
-def _of_motions(motions: Sequence[Motion | None], shape: tuple[int, ...]) -> dict[str, Any]:
+def _of_motions(motions: Sequence[SteadyMotion | None], shape: tuple[int, ...]) -> dict[str, Any]:
     """Return the values of MOTIONS over `shape`; None is nan and ""."""
     numbers = [{} if motion is None else _numbers(motion) for motion in motions]
     values = {}
@@ -206,7 +206,7 @@ def _of_motions(motions: Sequence[Motion | None], shape: tuple[int, ...]) -> dic
     return values
 
 
-def _numbers(motion: Motion) -> dict[str, Any]:
+def _numbers(motion: SteadyMotion) -> dict[str, Any]:
     """Return the variables of one motion, in SI units and in the axes of the scene."""
     system, linear, state = motion.system, motion.linear, motion.state
     rate, unit = system.mechanics.rate, system.mechanics.unit

@@ -104,7 +104,7 @@ class CompensatedSum:
         return self._sum + self._lost
 
 
-class Growth:
+class TangentGrowth:
     """The growth of the tangents of n members.
 
     `unit` has the directions of the seeds as they have moved, as unit vectors in the orthonormal
@@ -141,12 +141,12 @@ class TangentProgram:
 
     program : with TANGENTS;  scale : as in `with_tangents`
     kept : numbers of the saves at which the growth is kept, increasing
-    history : {property of `Growth`: (saves, ..., n)}, nan from the save on at which a member is
-        flagged
+    history : {property of `TangentGrowth`: (saves, ..., n)}, nan from the save on at which a member
+        is flagged
     """
 
     def __init__(self, program: Program, scale: Array, kept: NDArray[np.int64]) -> None:
-        self.program, self._scale, self._growth = program, scale, Growth(scale.size)
+        self.program, self._scale, self._growth = program, scale, TangentGrowth(scale.size)
         self._slots = {int(save): slot for slot, save in enumerate(kept)}
         self.history = {
             name: np.full((kept.size, rows, scale.size), np.nan)

@@ -42,7 +42,7 @@ from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.options import SIDE, Options, Side, Words, option
 from rigidmc.studies.framework.study import Example, Study
-from rigidmc.studies.framework.work import Work
+from rigidmc.studies.framework.work import StudyWork
 from rigidmc.studies.stability_map.compute import prepare_map, replicas_of, run_map
 from rigidmc.studies.stability_map.pixels import MapRun
 from rigidmc.studies.stability_map.question import (
@@ -150,7 +150,7 @@ class MapOptions(Options):
     )
 
 
-class Maps(Work):
+class Maps(StudyWork):
     """The work of a map: the members of one scene, sorted into pixels."""
 
     sources = "NAME|SCENE|FILE|MAP/"
