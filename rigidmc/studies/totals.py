@@ -27,7 +27,7 @@ from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.statistics.censored import Column, Columns
 from rigidmc.statistics.estimates import why_no_interval
 from rigidmc.statistics.intervals import Estimate, half_of_mean, probability
-from rigidmc.statistics.measures import Measure, measure, save_for_measures
+from rigidmc.statistics.measures import Measure, Variables, measure, save_for_measures
 from rigidmc.statistics.sums import GROUP, Moments, OrderedSums, moments_of_groups
 from rigidmc.studies.until import without_saves
 
@@ -91,7 +91,7 @@ def simulate_totals(
     texts = (measures,) if isinstance(measures, str) else tuple(measures)
     threads = threads_available() if threads is None else read_count(threads, "threads")
     scene = without_saves(save_for_measures(scene.with_run(**options), texts))
-    asked = [_sum_measure(text, scene) for text in texts]
+    asked = [_sum_measure(text, variables_of(scene)) for text in texts]
     with announce(progress):
         run = prepare(scene)  # without the saves of the user's scene
         device = "cpu" if run.plan.scheme is None else resolve_device(device)
@@ -148,9 +148,9 @@ def _total_of(measure: Measure, block: Columns) -> _Total:
     return _Total(asked, count, 0, moments_of_groups(values, there))
 
 
-def _sum_measure(text: str, scene: Scene) -> Measure:
+def _sum_measure(text: str, variables: Variables) -> Measure:
     """Return a measure that is a sum over members; OptionError for another one."""
-    asked = measure(text, variables_of(scene))
+    asked = measure(text, variables)
     if asked.kind not in KINDS:
         rule = (
             "needs the numbers of all members; totals are probabilities and means: use a run"

@@ -18,6 +18,7 @@ from rigidmc.results.variables import variables_of
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.simulate import simulate
+from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows
 from rigidmc.scene.sampling import is_sample, refuse_indexed
 from rigidmc.scene.scene import Scene, takes_scene
@@ -135,7 +136,7 @@ def simulate_until(
     if output is not None:
         refuse_existing(output, force)
     scene = save_for_measures(scene.with_run(**options), [_SIGN.split(until)[0]])
-    _refuse_no_sample(scene, until)
+    _refuse_no_sample(scene.model, scene.run.points, until)
     run = prepare_scene(without_saves(scene))  # for all rounds
     if (count := count_rows(*scene.model.quantities())) is not None:
         most = min(most, count - scene.run.first)
@@ -158,18 +159,16 @@ def simulate_until(
     return result, interval
 
 
-def _refuse_no_sample(scene: Scene, until: str) -> None:
+def _refuse_no_sample(model: Model, points: str, until: str) -> None:
     """Raise SceneError if the spread of members gives no interval, or the first members are not a
     sample."""
-    if scene.run.points != "independent":
-        rule = (
-            f"the spread of {scene.run.points} points gives no interval: see rigidmc.estimate_rqmc"
-        )
-        raise SceneError(f"{rule}; use independent", at="run.points", value=scene.run.points)
-    if not is_sample(scene.model):
+    if points != "independent":
+        rule = f"the spread of {points} points gives no interval: see rigidmc.estimate_rqmc"
+        raise SceneError(f"{rule}; use independent", at="run.points", value=points)
+    if not is_sample(model):
         rule = "more members do not narrow the interval: nothing in the scene is drawn"
         raise OptionError(rule, at="run.until", value=until)
-    refuse_indexed(scene.model, "the first members have only its first values", tables=False)
+    refuse_indexed(model, "the first members have only its first values", tables=False)
 
 
 def without_saves(scene: Scene) -> Scene:

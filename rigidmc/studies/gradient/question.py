@@ -8,6 +8,7 @@ import xarray as xr
 from rigidmc.errors import OptionError, nearest
 from rigidmc.scene import derivatives
 from rigidmc.scene.model import Model
+from rigidmc.scene.recording import Recording
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.measures import Measure, Variables, measure
 from rigidmc.studies.gradient.scores import scores_of_model, scores_of_noise, why_no_noise_score
@@ -23,9 +24,9 @@ class Asked(NamedTuple):
     observable: str
 
     @staticmethod
-    def of(text: str, variables: Variables, scene: Scene, may_save_more: bool) -> "Asked":
+    def of(text: str, variables: Variables, recording: Recording, may_save_more: bool) -> "Asked":
         """Parse a measure; OptionError."""
-        asked, recording = measure(text, variables, may_save_more), scene.recording
+        asked = measure(text, variables, may_save_more)
         name = asked.result.name
         base, _, end = name.rpartition("_")
         if f"_{end}" in ENDS and base in recording.names:
@@ -54,7 +55,7 @@ class Question(NamedTuple):
 
         variables, may_save_more : as in `rigidmc.statistics.measures.measure`
         """
-        asked = [Asked.of(text, variables, scene, may_save_more) for text in texts]
+        asked = [Asked.of(text, variables, scene.recording, may_save_more) for text in texts]
         scores, names = scores_of_model(scene.model), dict[str, None]()
         for name in wrt:
             if name in scores:

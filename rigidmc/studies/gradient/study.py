@@ -122,11 +122,11 @@ class GradientOptions(Options):
     confidence: float = confidence_option("confidence level of the intervals")
 
 
-def observables_of(scene: Scene, texts: Sequence[str]) -> tuple[str, ...]:
+def observables_of(observables: tuple[Any, ...], texts: Sequence[str]) -> tuple[str, ...]:
     """Return the observables whose values at the end measures name."""
     words = [word for text in texts for word in re.findall(r"[A-Za-z_]\w*", text)]
     ended = [word.rsplit("_", 1)[0] for word in words if word.endswith(ENDS)]
-    return saved_observables(ended, scene.observables)
+    return saved_observables(ended, observables)
 
 
 def scene_with_derivatives(
@@ -135,7 +135,7 @@ def scene_with_derivatives(
     """Return the scene with the members of the study; OptionError, SceneError."""
     if options.method not in METHODS:
         raise unknown("method", METHODS, at="method", value=options.method, error=OptionError)
-    save = observables_of(scene, options.of)
+    save = observables_of(scene.observables, options.of)
     at_saves = saved_observables(scene.run.save, scene.observables)
     others = tuple(name for name in scene.run.save if name not in at_saves)
     scene = scene.with_run(save=(*save, *others), keep="full", every=0.5 * scene.run.t_end)
