@@ -245,16 +245,16 @@ def _compared(again: xr.Dataset, result: xr.Dataset, scene: Scene, source: str) 
         rule = f"of {source} were found by another method, not by tangents: not compared"
         warnings.warn(f"{', '.join(others)} {rule}", SceneWarning, stacklevel=3)
     for pair in _pairs(again, result, scene.recording):
-        rounded = False
+        tolerance = 0.0
         if pair.name in others:
             continue
-        if pair.times is not None:
-            names.append(pair.name)
-            times = np.union1d(times, pair.times)
-            rounded = digits is not None and pair.times.size > 0
-        tolerance = 10.0 ** -(digits or 0) if rounded and not pair.name.endswith("_final") else None
         if pair.times is None:
             _refuse_other_inputs(pair, again.member.values, source)
+        else:
+            names.append(pair.name)
+            times = np.union1d(times, pair.times)
+            if digits is not None and pair.times.size and not pair.name.endswith("_final"):
+                tolerance = 10.0**-digits
         if not _equal(pair, tolerance):
             apart[pair.name] = float(np.nanmax(np.abs(pair.again - pair.before)))
     if apart:
@@ -295,13 +295,10 @@ def _refuse_other_inputs(pair: Pair, members: NDArray[np.int64], source: str) ->
         raise FileError(rule, at="member", file=source)
 
 
-def _equal(pair: Pair, tolerance: float | None) -> bool:
+def _equal(pair: Pair, tolerance: float) -> bool:
     """Return whether both values are bit-identical, or agree within a relative tolerance."""
-    if np.array_equal(pair.again, pair.before, equal_nan=True):
-        return True
-    if tolerance is None:
-        return False
-    return bool(np.allclose(pair.again, pair.before, tolerance, 0.0, True))
+    same = np.array_equal(pair.again, pair.before, equal_nan=True)
+    return same or bool(tolerance and np.allclose(pair.again, pair.before, tolerance, 0.0, True))
 
 
 def _pairs(again: xr.Dataset, result: xr.Dataset, recording: Recording) -> Iterator[Pair]:
