@@ -181,7 +181,7 @@ def _saving(
     Raises SceneError if these saves would change the steps.
     """
     run = scene.run
-    names = _everything(scene) if save is None else tuple(save)
+    names = _everything(scene.recording, run.save) if save is None else tuple(save)
     # without work, energy_drift would be another quantity
     work = ("work",) * ("work" in run.save and "work" not in names)
     # a result of selected members has rows for these only
@@ -208,15 +208,13 @@ def _saving(
     return more
 
 
-def _everything(scene: Scene) -> tuple[str, ...]:
-    """Return the names of all observables at save times (of work only if the scene saves it), and
-    of the scene's observables over all steps."""
-    more = dict.fromkeys(
-        (*own(scene.observables), *scene.run.save, *summaries(scene.recording.retained))
-    )
+def _everything(recording: Recording, save: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of all observables at save times (of work only if `save` has it), and of the
+    scene's observables over all steps."""
+    more = dict.fromkeys((*own(recording.observables), *save, *summaries(recording.retained)))
     bare = bare_observables()
     over = (name for name in more if name not in bare)
-    return (*(name for name in bare if name != "work" or "work" in scene.run.save), *over)
+    return (*(name for name in bare if name != "work" or "work" in save), *over)
 
 
 class Pair(NamedTuple):

@@ -2,7 +2,7 @@
 machine. Errors and costs are measured on a pilot."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -81,7 +81,7 @@ def choose(
             "expected an error between 0 and 1: relative for the momentum, in rad for the attitude"
         )
         raise SceneError(rule, at="run.tolerance", value=tolerance)
-    check_quiet(scene)
+    check_quiet(scene.effects)
     full = pilot(scene, members)
     check_pilot(full)
     extent = plan_search(full, tolerance)
@@ -95,11 +95,11 @@ def choose(
     if certain > tolerance * extent.share:
         certain /= extent.share
         why = f"the reference itself is known only to {certain:.1e} ({true.source})"
-        raise _unreachable(scene, tolerance, first, certain, why)
+        raise _unreachable(scene.run.t_end, tolerance, first, certain, why)
     names = integrators or contenders(scene, tolerance)
     ways, nearest = _ways(costs, tolerance, names, extent.share)
     if not ways:
-        raise _unreachable(scene, tolerance, first, nearest, "no integrator does better")
+        raise _unreachable(scene.run.t_end, tolerance, first, nearest, "no integrator does better")
     ways.sort(key=costs.per_member)
     second = pilot(scene, members, full.first + full.members)._replace(
         member_steps=first.member_steps, effort=first.effort
@@ -124,7 +124,9 @@ def choose(
             way = check.finer(way, nearest if pilots else 0.0) or way
     if spare is not None:
         return spare
-    raise _unreachable(scene, tolerance, first, nearest, "members beyond the pilot err more")
+    raise _unreachable(
+        scene.run.t_end, tolerance, first, nearest, "members beyond the pilot err more"
+    )
 
 
 def contenders(scene: Scene, tolerance: float) -> list[str]:
@@ -298,9 +300,9 @@ def _refined(costs: Costs, ways: list[Candidate], limit: float) -> Candidate:
     return good
 
 
-def check_quiet(scene: Scene) -> None:
+def check_quiet(effects: Sequence[Any]) -> None:
     """Raise SceneError if effects are random."""
-    noisy = [name_of(e) for e in scene.effects if is_random(e)]
+    noisy = [name_of(e) for e in effects if is_random(e)]
     if noisy:
         rule = (
             f"{', '.join(noisy)} is random, so no single path is exact; halve dt to measure the "
@@ -334,12 +336,12 @@ def _gain(pilot: Pilot, growth: float) -> float:
 
 
 def _unreachable(
-    scene: Scene, tolerance: float, pilot: Pilot, nearest: float, why: str
+    t_end: float, tolerance: float, pilot: Pilot, nearest: float, why: str
 ) -> SceneError:
     factor, rate = measure_growth(pilot)
     worst = upper_quantile(factor)
     if (gain := _gain(pilot, worst)) < SMOOTH:
-        names = ", ".join(name_of(effect) for effect in scene.effects)
+        names = ", ".join(name_of(effect) for effect in pilot.scene.effects)
         rule = (
             f"out of reach: the best is {nearest:.1e}, and half the step divides the error of rk8"
             f" by {gain:.2g}, but by 256 for smooth torques. One of {names} has a kink or a jump:"
@@ -348,7 +350,7 @@ def _unreachable(
         )
         return SceneError(rule, at="run.tolerance", value=tolerance)
     reason = (
-        f"{why}; over {scene.run.t_end:g} s a change of the start grows {worst:.1e} times in the "
+        f"{why}; over {t_end:g} s a change of the start grows {worst:.1e} times in the "
         "worst 1 % of members"
     )
     reason += ", exponentially: chaos or a separatrix" if np.mean(rate > 0.0) > 0.01 else ""

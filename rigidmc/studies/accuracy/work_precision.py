@@ -88,7 +88,7 @@ def work_precision(
         scene, names = with_tried(scene, integrators)
     members = read_count(members, "members")
     refuse_count(members, "members of a pilot", 8 * layout.EFFECTS)
-    check_quiet(scene)
+    check_quiet(scene.effects)
     first = pilot(scene, members)
     check_pilot(first)
     count = count_text(first.members, "member")

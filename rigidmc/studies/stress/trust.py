@@ -198,7 +198,7 @@ def trust(
     other units, permuted axes, space rotated about the vertical.
     Raises SceneError for a scene that cannot run.
     """
-    check_quiet(scene)
+    check_quiet(scene.effects)
     scene, _ = choose_integrator(scene)
     plan = prepare_scene(scene).plan
     first = pilot_of(scene, FEW if quick else MEMBERS)
