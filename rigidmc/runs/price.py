@@ -134,6 +134,7 @@ def _rehearsed(
 ENOUGH = 0.1  # seconds of a rehearsal that suffices to time a member
 AMPLE = 2.0  # seconds of a rehearsal that is not repeated with more members
 LONG = 0.25  # seconds: a block that takes longer is rehearsed for part of its steps
+Reduce = Callable[[xr.Dataset], object]  # a study of the members of a result
 SAVES = 128  # least number of saves in that part; a spectrum needs 64
 
 
@@ -165,7 +166,7 @@ class Price(NamedTuple):
 
 def price(
     scene: Scene,
-    reduce: Callable[[xr.Dataset], object],
+    reduce: Reduce,
     threads: int | None = None,
     folder: str | None = None,
     device: str | None = None,
@@ -189,11 +190,7 @@ def price(
 
 
 def _seconds(
-    run: PreparedRun,
-    reduce: Callable[[xr.Dataset], object],
-    threads: int,
-    folder: str | None,
-    device: str,
+    run: PreparedRun, reduce: Reduce, threads: int, folder: str | None, device: str
 ) -> float:
     """Predict how long all members and their study will take [s].
 
@@ -240,18 +237,12 @@ def _of_a_member(run: PreparedRun, device: str) -> float:
 
 
 def _studied(
-    scene: Scene,
-    count: int,
-    reduce: Callable[[xr.Dataset], object],
-    threads: int,
-    file: str | None,
-    device: str,
+    scene: Scene, count: int, reduce: Reduce, threads: int, file: str | None, device: str
 ) -> float:
     """Return the seconds to run the first `count` members of a scene and study them."""
     few = scene.with_run(members=count)
     began = time.perf_counter()
-    run = prepare_scene(few)
-    with run.run(threads=threads, output=file, force=True, device=device) as dataset:
+    with prepare_scene(few).run(threads=threads, output=file, force=True, device=device) as dataset:
         reduce(dataset)
     return time.perf_counter() - began
 
