@@ -89,14 +89,9 @@ def describe(dataset: xr.Dataset, scene: Scene) -> xr.Dataset:
 
 def returned(variables: Sequence[StudyVariable]) -> str:
     """Return the section Returns of a docstring."""
-    lines = (
-        "Returns",
-        "-------",
-        "xarray.Dataset",
-        "    the variables, with their dimensions and the ends of their intervals:",
-        "",
-    )
-    return "\n".join([*lines, *(variable.documented() for variable in variables)])
+    about = "    the variables, with their dimensions and the ends of their intervals:\n"
+    items = (variable.documented() for variable in variables)
+    return "\n".join(["Returns\n-------\nxarray.Dataset", about, *items])
 
 
 def interval_of(study: xr.Dataset, name: str) -> Interval:
