@@ -233,7 +233,7 @@ class Scene:
         Parameters
         ----------
         run : Run, optional
-            settings that replace those of the scene
+            settings that replace the scene's
 
         Returns
         -------

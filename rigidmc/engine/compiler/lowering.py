@@ -185,7 +185,7 @@ _TUPLE: Any = types.BaseTuple  # as Any: Numba's stubs lack the items of tuples
 
 
 def fold_lengths(code: Any, arguments: tuple[Any, ...]) -> bool:
-    """Replace len(x) by its number where the type of x follows from those of the arguments.
+    """Replace len(x) by its number where the type of x follows from the types of the arguments.
 
     Numba does so if x is an argument. Here it may also be a field or an item of one, or the result
     of a call with such values. Return whether anything has changed.

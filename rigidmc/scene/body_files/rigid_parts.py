@@ -89,7 +89,7 @@ class Fixed(NamedTuple):
 
 
 class Tree(NamedTuple):
-    """The links or bodies of a file, in the words of its format.
+    """The links or bodies of a file, in the terms of its format.
 
     kind, plural, fixed : "link", "links" and "fixed";  how : "by fixed joints"
     none, massless : what a message says if none, or the one asked for, has mass

@@ -107,7 +107,7 @@ def _together(numbers: Sequence[int], most: int) -> Iterator[tuple[int, int, int
 def paths(setup: MultilevelSetup, level: int) -> Iterator[PreparedRun]:
     """Yield the runs of a level: its fine paths and, from level 1 on, its coarse paths."""
     end, steps = setup.scene.run.t_end, setup.steps << level
-    # other scenes: each level has a step of its own, and members beyond those of the scene
+    # other scenes: each level has a step of its own, and more members than the scene
     yield prepare_scene(setup.scene.with_run(dt=end / steps, members=CHUNK))
     if level:
         coarse = setup.scene.with_run(dt=end / (steps >> 1), members=CHUNK)

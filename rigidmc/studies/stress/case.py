@@ -36,7 +36,7 @@ class HardCase:
     why : the reason why the case is hard
     asked : a bound set by mathematics: a number, or a function of the integrator's name;
         None if the bound of each integrator comes from `bounds.csv`
-    truth, claims : in place of those of the comparison
+    truth, claims : in place of the comparison's
     weak : {integrator: why it fails the case although it claims it}
     quick : whether `--quick` includes the case
     group : its group, set by `catalogue`
