@@ -167,7 +167,7 @@ def observables_command(
 
         print("saved at the save times (save = [...]):")
         for word, kind in OBSERVABLES.items():
-            if not kind.is_monitored:
+            if word not in monitors():
                 print(f"{word:12s} {with_units(_summary(kind), kind.units)}")
                 if parameters := _fields(kind):
                     print(f"{'':12s} parameters, in a table [observables.{word}]: {parameters}")
@@ -200,13 +200,13 @@ def _monitoring_costs() -> dict[str, dict[str, float]]:
 
 def _of_observable(name: str) -> Facts:
     """Yield (label, fact) of an observable."""
-    from rigidmc.physics.observables import OBSERVABLES, outputs, statistics
+    from rigidmc.physics.observables import OBSERVABLES, monitors, outputs, statistics
     from rigidmc.physics.observables.statistics import STATISTICS
 
     if (kind := OBSERVABLES.get(name)) is not None:
         fields = _fields(kind)
         table = f" with [observables.{name}] {fields}" if fields else ""
-        if kind.is_monitored:
+        if name in monitors():
             yield "in a scene", f'save = ["{name}"]{table}'
             for variable, (units, _, dims) in kind.outputs.items():
                 yield "result", f"{with_units(variable, units)}{_by(dims)}"

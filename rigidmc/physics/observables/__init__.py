@@ -2,7 +2,7 @@
 
 OBSERVABLES is the catalogue of the shipped classes, in the order of lists and results; the facts of
 an observable stand on its class, see `rigidmc.physics.observables.protocol`. An observable is
-recorded at save times (it has `value`), or `is_monitored`: over all steps, with one result per
+recorded at save times (it has `value`), or monitored: over all steps, with one result per
 member (events, running observables, `megno`, `noise_score`), or by counts over all members
 (`histogram`). The fields of a class are its parameters, from a table [observables.NAME] of a scene.
 `statistics` adds omega_min, omega_max, omega_mean, omega_variance, omega_last and so on: of each
@@ -64,12 +64,13 @@ Statistics = dict[str, tuple[str, Any]]  # {name: (name of the observable, stati
 
 def bare_observables() -> dict[str, Any]:
     """Return {name: class} of the shipped observables at save times without parameters."""
-    return {w: kind for w, kind in OBSERVABLES.items() if not (kind.is_monitored or kind._fields)}
+    at_saves = {word: kind for word, kind in OBSERVABLES.items() if implements(kind, "value")}
+    return {word: kind for word, kind in at_saves.items() if not kind._fields}
 
 
 def monitors() -> dict[str, Any]:
     """Return {name: class} of the shipped observables that are monitored."""
-    return {word: kind for word, kind in OBSERVABLES.items() if kind.is_monitored}
+    return {word: kind for word, kind in OBSERVABLES.items() if not implements(kind, "value")}
 
 
 def _statistics(kinds: Mapping[str, Any]) -> Statistics:
@@ -145,10 +146,8 @@ def find_observable(given: Iterable[Any], name: str) -> Any:
 
 def default_names(given: Iterable[Any]) -> tuple[str, ...]:
     """Return names of shipped observables at save times, less those given with parameters."""
-    parameters = own(given)
-    return tuple(
-        w for w, kind in OBSERVABLES.items() if not kind.is_monitored and w not in parameters
-    )
+    others = {*monitors(), *own(given)}
+    return tuple(name for name in OBSERVABLES if name not in others)
 
 
 def statistics(given: Iterable[Any] = ()) -> Statistics:
@@ -215,15 +214,14 @@ def monitored_observables(save: Sequence[str], given: Sequence[Any]) -> list[tup
     over = [
         (s, one) for s, one in label_observables(given) if s not in at_times and not is_opaque(one)
     ]
-    extra = statistics(given)
+    extra, shipped = statistics(given), monitors()
     for name in dict.fromkeys((*save, *(word_of_observable(one) for _, one in over))):
         if name in extra:
             observable, statistic = extra[name]
             found.append((name, statistic(find_observable(given, observable))))
             continue
         same = [(label, one) for label, one in over if word_of_observable(one) == name]
-        kind = OBSERVABLES.get(name)
-        found += same or ([(name, kind())] if kind is not None and kind.is_monitored else [])
+        found += same or ([(name, shipped[name]())] if name in shipped else [])
     return found
 
 

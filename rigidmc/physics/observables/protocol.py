@@ -266,8 +266,7 @@ def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
     """Return the decorator of classes for a protocol.
 
     The decorator states facts, `@observable(units="1", long_name="...", dims=())`, which become
-    class attributes; it adds `is_monitored`. Type checkers would take attributes in the body of a
-    NamedTuple for fields.
+    class attributes. Type checkers would take attributes in the body of a NamedTuple for fields.
     """
     known = {*_members(protocol), *_DEFAULTS[protocol], *_STATED}
 
@@ -282,7 +281,6 @@ def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
             for name, default in _DEFAULTS[protocol].items():
                 if not hasattr(cls, name):
                     setattr(cls, name, default)
-            cast(Any, cls).is_monitored = protocol is not Observable
             if facts.get("conserved"):
                 cast(Any, cls).is_conserved = _is_on
             _state_axes(cls)
