@@ -17,6 +17,7 @@ from rigidmc.planning.tolerance.truth import Reference
 from rigidmc.studies.accuracy.drift import one_of_each_kind
 from rigidmc.studies.stress import catalogue
 from tests.tools.plans import closed_form
+from tests.tools.scenes import LAGRANGE, UNSYMMETRIC
 
 SMALL = {"members": 128}
 
@@ -129,15 +130,11 @@ def test_a_short_heavy_run_is_rk8_or_a_splitting_of_high_order():
     assert costs.per_member(found.way) < 0.5 * costs.per_member(slower.way)  # a third, measured
 
 
-LAGRANGE = rm.Scene(
-    rm.Body.from_moments((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 0.2)),
-    (rm.Gravity(3.0),),
-    rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform"),
-).with_run(t_end=20.0, save=("omega", "attitude"))
+SCENE = LAGRANGE.with_run(t_end=20.0, save=("omega", "attitude"))
 
 
 def test_a_closed_form_is_checked_by_integration():
-    found = choose.choose(LAGRANGE, 1e-7, integrators=("closed",), **SMALL)
+    found = choose.choose(SCENE, 1e-7, integrators=("closed",), **SMALL)
     assert (found.way.integrator, found.checked) == ("closed", 1.0)
     assert found.truth.startswith(
         "closed form of the Lagrange top, which rk8 confirms; the second pilot by rk8 in "
@@ -159,13 +156,13 @@ def test_a_closed_form_that_is_wrong_is_not_believed(monkeypatch, member, integr
             motion.momentum[..., i, 0], motion.momentum[..., i, 1] = -l[..., 1], l[..., 0]
         return motion
 
-    wrong = closed_form(LAGRANGE, 1, member).momentum[0]
+    wrong = closed_form(SCENE, 1, member).momentum[0]
     monkeypatch.setattr(closed_form_module, "_motion", turned)
     with pytest.raises(
         rm.SceneError,
         match=r"closed form of the Lagrange top and rk8 in .* disagree for 1 of 128 members",
     ):
-        choose.choose(LAGRANGE, 1e-7, integrators=integrators, **SMALL)
+        choose.choose(SCENE, 1e-7, integrators=integrators, **SMALL)
 
 
 def test_a_tolerance_out_of_reach_is_refused():
@@ -214,13 +211,10 @@ def test_noise_takes_no_tolerance():
         choose.choose(scene.with_run(t_end=1.0), 1e-6)
 
 
-HEAVY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
-
-
 def test_a_pilot_that_fails_is_reported():
     omega = np.random.default_rng(0).normal(size=(64, 3))
     omega[3] = 1e200
-    scene = rm.Scene(HEAVY, rm.Gravity(1.0), rm.Start(omega=omega))
+    scene = rm.Scene(UNSYMMETRIC, rm.Gravity(1.0), rm.Start(omega=omega))
     with pytest.raises(rm.SceneError, match="1 of 64 members"), np.errstate(all="ignore"):
         choose.choose(scene.with_run(t_end=1.0, members=64), 1e-6)
 
@@ -238,7 +232,7 @@ def test_a_prediction_above_the_tolerance_is_reported(bad, monkeypatch):
         return 2.0 * tolerance if 1 < len(calls) <= 1 + bad else real(values)
 
     start = rm.Start(omega=(rm.normal(0.1, 0.05), 1.0, 0.2))
-    scene = rm.Scene(HEAVY, rm.Gravity(1.0), start).with_run(t_end=3.0)
+    scene = rm.Scene(UNSYMMETRIC, rm.Gravity(1.0), start).with_run(t_end=3.0)
     plain = choose.choose(scene, tolerance, ("rk4",), **SMALL)
     monkeypatch.setattr(choose, "upper_quantile", told)
     found = choose.choose(scene, tolerance, ("rk4",), **SMALL)

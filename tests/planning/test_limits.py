@@ -18,12 +18,12 @@ from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.scheme import Limits
 from tests.tools.kernels import block_of, prepare, run
 from tests.tools.plans import plan_of
+from tests.tools.scenes import UNSYMMETRIC
 
 FREE, HEAVY = PROBLEMS["hairer_free"], (rm.Gravity(1.0),)
 TIGHT = Limits(1e-6, 1e-6, math.inf, 2.0, 1e-9)
 STEPS, H, SICK = 320, 0.02, 7
 rng = np.random.default_rng(0)
-BODY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
 SPINS = rng.normal(size=(64, 3))
 
 
@@ -96,11 +96,11 @@ class Untrue(NamedTuple):
 
 
 def test_lz_is_checked_if_a_scene_conserves_it():
-    scene = rm.Scene(BODY, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(
+    scene = rm.Scene(UNSYMMETRIC, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(
         dt=0.01, t_end=2.0, members=64, integrator="rk4"
     )
     assert not rm.simulate(scene).status.values.any()
-    wrong = rm.Scene(BODY, (rm.Gravity(1.0), Untrue(0.1)), rm.Start(omega=SPINS)).with_run(
+    wrong = rm.Scene(UNSYMMETRIC, (rm.Gravity(1.0), Untrue(0.1)), rm.Start(omega=SPINS)).with_run(
         dt=0.01, t_end=2.0, members=64, integrator="rk4"
     )
     words = r"all 64 members are flagged \(64 momentum_drift\) at"
@@ -129,7 +129,7 @@ def test_lz_is_checked_if_a_scene_conserves_it():
     ],
 )
 def test_checks_change_no_bit_of_a_good_run(name, effects):
-    scene = rm.Scene(BODY, effects, rm.Start(omega=SPINS)).with_run(
+    scene = rm.Scene(UNSYMMETRIC, effects, rm.Start(omega=SPINS)).with_run(
         dt=0.02, t_end=2.0, every=0.5, members=64, integrator=name
     )
     checked, unchecked = rm.simulate(scene), rm.simulate(scene, checks=False)
@@ -142,7 +142,7 @@ def test_fast_spins_are_flagged_and_never_nonsense():
     """|omega| h of 0.1, 1 and 3: right, right to its order, flagged at the first step."""
     spins = np.zeros((96, 3))
     spins[:, 0], spins[:, 2] = np.repeat((1.0, 10.0, 30.0), 32), 0.1
-    scene = rm.Scene(BODY, (), rm.Start(omega=spins)).with_run(
+    scene = rm.Scene(UNSYMMETRIC, (), rm.Start(omega=spins)).with_run(
         dt=0.1, t_end=10.0, members=96, save=("omega", "attitude")
     )
     for name in ("rk4", "rkmk4"):
@@ -156,7 +156,9 @@ def test_fast_spins_are_flagged_and_never_nonsense():
 
 
 def test_thresholds_of_the_scene(tmp_path):
-    scene = rm.Scene(BODY, (), rm.Start(omega=SPINS)).with_run(dt=0.1, t_end=10.0, members=64)
+    scene = rm.Scene(UNSYMMETRIC, (), rm.Start(omega=SPINS)).with_run(
+        dt=0.1, t_end=10.0, members=64
+    )
     drift = np.sort(rm.simulate(scene).energy_drift_max.values)
     limit = float(np.sqrt(drift[40] * drift[41]))
     ds = rm.simulate(scene.with_run(energy_limit=limit), output=tmp_path / "a.nc")
@@ -173,7 +175,7 @@ def test_thresholds_of_the_scene(tmp_path):
 def test_default_limits_leave_room_for_what_integrators_make():
     """The drift of good runs is 30 to 1e4 times below the limit that their step sets."""
     for name in ("rk4", "rk8", "strang", "srkn11"):
-        scene = rm.Scene(BODY, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(
+        scene = rm.Scene(UNSYMMETRIC, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(
             dt=0.02, t_end=20.0, members=64, integrator=name
         )
         ds = rm.simulate(scene)
@@ -187,10 +189,9 @@ def test_the_limit_of_slow_heavy_tops_leaves_the_least_room():
 
     A top that begins slowly may lose much of the energies in play in its first step.
     """
-    body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
     start, room = rm.Start(omega=rm.Sphere(1.0), attitude="uniform"), []
     for dt, steps in ((0.0167, 1), (0.0167, 10), (0.05, 1), (0.05, 5)):
-        scene = rm.Scene(body, (rm.Gravity(2.0),), start).with_run(dt=dt, t_end=steps * dt)
+        scene = rm.Scene(UNSYMMETRIC, (rm.Gravity(2.0),), start).with_run(dt=dt, t_end=steps * dt)
         ds = rm.simulate(scene, "strang", members=64)
         assert ds.attrs["energy_limit"] < 0.05
         room.append(ds.attrs["energy_limit"] / float(ds.energy_drift_max.max()))
@@ -210,9 +211,8 @@ FAR = {"rk4": (0.86, 1.09), "rkmk4": (0.93, 1.22), "cf4": (1.03, 1.72), "ck45": 
 def test_how_far_one_step_may_turn_a_top(name):
     """Median errors of one step are 1e-3 rad: rk4 0.9, Lie groups 0.9 to 1.2, rk8 2.8,
     gbs12 3.4 rad heavy; 1.1, 1.2 to 1.8, 4.9 and 6.2 free."""
-    heavy = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
     body = rm.Body.from_moments((rm.uniform(0.6, 1.0), rm.uniform(0.8, 1.2), rm.uniform(1.2, 1.4)))
-    scenes = rm.Scene(heavy, (rm.Gravity(9.81),)), rm.Scene(body)
+    scenes = rm.Scene(UNSYMMETRIC, (rm.Gravity(9.81),)), rm.Scene(body)
     for scene, spin, angle in zip(scenes, (3.0, 1.0), FAR[name], strict=True):
         start = rm.Start(omega=rm.Sphere(spin), attitude="uniform")
         run = {"t_end": angle / spin, "every": angle / spin, "members": 64, "checks": False,
@@ -249,7 +249,7 @@ def test_a_member_that_a_torque_spins_up_is_flagged():
 
 def test_members_without_such_a_torque_never_turn_by_more_than_was_asked():
     start = rm.Start(omega=rm.Sphere(rm.uniform(0.1, 3.0)), attitude="uniform")
-    scene = rm.Scene(BODY, (rm.Gravity(9.81), rm.ViscousDamping(0.1)), start)
+    scene = rm.Scene(UNSYMMETRIC, (rm.Gravity(9.81), rm.ViscousDamping(0.1)), start)
     ds = rm.simulate(scene, "rk8", turn=0.3, t_end=5.0, members=256, save=("omega_max",))
     assert (ds.status == 0).all()
     # measured 0.20
@@ -261,6 +261,6 @@ def test_members_without_such_a_torque_never_turn_by_more_than_was_asked():
     ("rk8", 2.69, ""), ("rk8", 2.9, "more than 2.7:"), ("strang", 2.9, ""), ("exact", 9.0, ""),
 ])  # fmt: skip
 def test_the_note_on_long_steps_goes_by_the_order(name, turn, told):
-    scene = rm.Scene(BODY, (), rm.Start(omega=(0.0, 0.0, 1.0)))
+    scene = rm.Scene(UNSYMMETRIC, (), rm.Start(omega=(0.0, 0.0, 1.0)))
     notes = plan_of(scene.with_run(integrator=name, dt=turn, t_end=10.0 * turn)).notes
     assert any(told in note for note in notes) if told else not notes

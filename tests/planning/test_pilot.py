@@ -7,16 +7,12 @@ import rigidmc as rm
 from rigidmc.engine.kernel import layout as K
 from rigidmc.planning.tolerance import deviation, pilot, truth
 from rigidmc.planning.tolerance import deviation as growth
+from tests.tools.scenes import LAGRANGE, TILTED
 
 BODY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.05, 0.2))
-START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
-HEAVY = rm.Scene(BODY, (rm.Gravity(3.0),), START).with_run(t_end=3.0, save=("omega", "attitude"))
-FREE = rm.Scene(BODY, (), START).with_run(t_end=3.0, save=("omega", "attitude"))
-LAGRANGE = rm.Scene(
-    rm.Body.from_moments((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 0.2)),
-    (rm.Gravity(3.0),),
-    START,
-).with_run(t_end=3.0)
+HEAVY = rm.Scene(BODY, (rm.Gravity(3.0),), TILTED).with_run(t_end=3.0, save=("omega", "attitude"))
+FREE = rm.Scene(BODY, (), TILTED).with_run(t_end=3.0, save=("omega", "attitude"))
+SCENE = LAGRANGE.with_run(t_end=3.0)
 
 
 def test_states_are_those_of_a_run():
@@ -44,7 +40,7 @@ def test_a_pilot_of_members_that_are_all_alike_is_one():
     assert pilot.pilot(rows, 40, first=40).first == 10  # the last ones
 
 
-@pytest.mark.parametrize(("scene", "name"), [(FREE, "free top"), (LAGRANGE, "Lagrange top")])
+@pytest.mark.parametrize(("scene", "name"), [(FREE, "free top"), (SCENE, "Lagrange top")])
 def test_the_truth_is_the_closed_form_where_there_is_one(scene, name):
     found = pilot.pilot(scene.with_run(save=("omega", "attitude")), 64)
     true = truth.make_reference(found)
@@ -68,7 +64,7 @@ def test_without_a_closed_form_two_methods_must_agree():
         found, pilot.integrate_pilot(found, "rkmk4", 6000, compensated=True), true.states
     )["state"]
     assert apart.max() < 1e-10  # a third method, of another family
-    damped = rm.Scene(BODY, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), START).with_run(t_end=3.0)
+    damped = rm.Scene(BODY, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), TILTED).with_run(t_end=3.0)
     true = truth.make_reference(pilot.pilot(damped, 32))
     assert "cf4 confirms" in true.source  # no splitting of high order takes damping
     assert true.error.max() < 1e-11

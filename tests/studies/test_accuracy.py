@@ -17,14 +17,9 @@ from rigidmc.studies.accuracy import drift, picture
 from rigidmc.studies.accuracy import work_precision as accuracy
 from rigidmc.views.figures import STYLES
 from tests.tools.axes import faults
+from tests.tools.scenes import LAGRANGE, TILTED
 
-START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
-LAGRANGE = rm.Scene(
-    rm.Body.from_moments((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 0.2)),
-    (rm.Gravity(3.0),),
-    START,
-)
-LAGRANGE = LAGRANGE.with_run(t_end=3.0, every=0.5, save=("omega", "attitude"))
+SCENE = LAGRANGE.with_run(t_end=3.0, every=0.5, save=("omega", "attitude"))
 CHOSEN = ("rk4", "rk8", "chin4", "closed")
 ORDERS = {"rk4": 4, "rk8": 8, "chin4": 4}
 
@@ -32,9 +27,7 @@ ORDERS = {"rk4": 4, "rk8": 8, "chin4": 4}
 @pytest.fixture(scope="module")
 def study():
     told = list[str]()
-    found = rm.accuracy(
-        LAGRANGE, CHOSEN, (1e-3, 1e-5, 1e-8, 1e-15), members=64, progress=told.append
-    )
+    found = rm.accuracy(SCENE, CHOSEN, (1e-3, 1e-5, 1e-8, 1e-15), members=64, progress=told.append)
     # how far it is, before the first wait and after each ladder
     assert told[0].startswith("first the truth for 64 members")
     assert all(f"; {k} of 5, about" in line for k, line in enumerate(told[2:], 1)) and len(told) > 6
@@ -72,7 +65,7 @@ def test_errors_are_ordered_and_of_what_they_say(study):
     assert np.array_equal(
         study.error_state_worst, np.maximum(study.error_momentum_worst, study.error_attitude_worst)
     )
-    found = pilot(LAGRANGE, 64)
+    found = pilot(SCENE, 64)
     apart = errors(
         found,
         integrate_pilot(found, "rk4", int(rows(study, "rk4").steps[2])),
@@ -105,7 +98,7 @@ def test_the_table_says_it(study):
 
 def test_predictions_of_error_hold_for_others(study):
     """The 99 % error of 64 members and that of 600 others agree within a factor of 2."""
-    others = pilot(LAGRANGE, 600, first=1000)
+    others = pilot(SCENE, 600, first=1000)
     true = make_reference(others)
     for name, steps in (("rk4", 192), ("rk8", 48), ("chin4", 96)):
         found = rows(study, name)
@@ -120,8 +113,8 @@ def test_predictions_of_error_hold_for_others(study):
 @pytest.mark.slow
 def test_members_of_different_speed_step_on_their_own():
     wide = rm.Scene(
-        LAGRANGE.body,
-        LAGRANGE.effects,
+        SCENE.body,
+        SCENE.effects,
         rm.Start(omega=(rm.normal(0.0, 2.0), 0.1, 0.1), attitude="uniform"),
     )
     found = rm.accuracy(wide.with_run(t_end=3.0), ("rk4",), (1e-3, 1e-6), members=64)
@@ -158,8 +151,8 @@ def test_what_cannot_be_studied(monkeypatch):
         accuracy, "make_reference", lambda first: pytest.fail("the truth takes seconds")
     )
     with pytest.raises(rm.OptionError, match="no such integrator; known: rk4, rk8"):
-        rm.accuracy(LAGRANGE, ("rk5",))
-    damped = rm.Scene(LAGRANGE.body, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), START).with_run(
+        rm.accuracy(SCENE, ("rk5",))
+    damped = rm.Scene(SCENE.body, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), TILTED).with_run(
         t_end=1.0
     )
     with pytest.raises(rm.OptionError, match=r"chin4.*viscous_damping"):
@@ -196,7 +189,7 @@ def test_horizons():
 
 @pytest.fixture(scope="module")
 def drifts():
-    return drift.long_drift(LAGRANGE, ("rk4", "chin4"), 40_000, 0.05, members=16)
+    return drift.long_drift(SCENE, ("rk4", "chin4"), 40_000, 0.05, members=16)
 
 
 def test_drift_over_many_steps(drifts):

@@ -9,19 +9,14 @@ import pytest
 import rigidmc as rm
 from rigidmc.studies.stress import picture, trust
 from tests.tools.axes import faults
+from tests.tools.scenes import LAGRANGE
 
-START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
-LAGRANGE = rm.Scene(
-    rm.Body.from_moments((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 0.2)),
-    (rm.Gravity(3.0),),
-    START,
-)
-LAGRANGE = LAGRANGE.with_run(t_end=5.0, dt=0.02, members=100, integrator="rk4")
+SCENE = LAGRANGE.with_run(t_end=5.0, dt=0.02, members=100, integrator="rk4")
 
 
 @pytest.fixture(scope="module")
 def good():
-    return trust.trust(LAGRANGE, quick=True)
+    return trust.trust(SCENE, quick=True)
 
 
 def test_a_good_scene_is_trusted_as_far_as_it_is_true(good):
@@ -53,7 +48,7 @@ def test_a_good_scene_is_trusted_as_far_as_it_is_true(good):
 
 
 def test_a_long_step_is_seen():
-    found = trust.trust(LAGRANGE.with_run(dt=1.0, t_end=50.0), quick=True)
+    found = trust.trust(SCENE.with_run(dt=1.0, t_end=50.0), quick=True)
     assert found.attrs["digits"] == 0
     assert "the step is too long" in found.attrs["verdict"]
     assert trust.has_failed(found)
@@ -77,6 +72,6 @@ def test_chaos_is_told_from_a_long_step():
 
 
 def test_the_closed_form_is_judged_by_an_integrator():
-    found = trust.trust(LAGRANGE.with_run(integrator="closed"), quick=True)
+    found = trust.trust(SCENE.with_run(integrator="closed"), quick=True)
     assert list(found.check.values) == ["another integrator (rk8)"]
     assert found.attrs["digits"] >= 11

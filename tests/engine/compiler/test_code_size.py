@@ -10,6 +10,7 @@ import rigidmc as rm
 from rigidmc.engine.compiler.kernels import config
 from tests.tools.assembly import library_of
 from tests.tools.plans import program_of
+from tests.tools.scenes import UNSYMMETRIC
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
@@ -43,9 +44,10 @@ BOUNDS = {
 
 def asked(integrator, heavy, save, effects=()):
     """{piece: what it is compiled for} for a small scene."""
-    body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
     effects = (rm.Gravity(9.81),) if heavy else effects
-    scene = rm.Scene(body, effects, rm.Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0)))
+    scene = rm.Scene(
+        UNSYMMETRIC, effects, rm.Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
+    )
     scene = scene.with_run(integrator=integrator, dt=0.1, t_end=1.0, save=tuple(save.split(",")))
     return program_of(scene).kernel_keys
 

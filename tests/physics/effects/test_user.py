@@ -22,13 +22,13 @@ from rigidmc.protocols import effect
 from rigidmc.studies.stress.trust import trust
 from tests.tools.commands import invoke
 from tests.tools.kernels import one_step, prepare
+from tests.tools.scenes import UNSYMMETRIC
 
-BODY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
 START = rm.Start(omega=(0.1, 1.0, 0.2), attitude="uniform")
 
 
 def scene(effect):
-    return rm.Scene(BODY, (effect,), START).with_run(
+    return rm.Scene(UNSYMMETRIC, (effect,), START).with_run(
         dt=0.01, t_end=1.0, members=64, save=("momentum", "attitude")
     )
 
@@ -135,7 +135,7 @@ PAIR = "def energy(self, q):\n    return 0.0, 0.0\n"
 ])  # fmt: skip
 def test_a_custom_effect_is_checked_before_anything_evaluates_it(effect, words):
     """Beside gravity, saves of few members and steady motions follow from the torques."""
-    beside = rm.Scene(BODY, (rm.Gravity(9.81), effect), rm.Start(omega=(0.1, 1.0, 0.2)))
+    beside = rm.Scene(UNSYMMETRIC, (rm.Gravity(9.81), effect), rm.Start(omega=(0.1, 1.0, 0.2)))
     for use in (
         lambda: rm.simulate(beside, members=1, dt=0.01, t_end=1.0),
         lambda: rm.simulate(beside, members=1, dt=0.01, t_end=1.0, every="50/turn"),
@@ -168,8 +168,8 @@ def named(methods, **stated):
 def test_a_class_that_is_not_an_effect_names_its_mistake(one, words):
     for effects in (one, (rm.Gravity(9.81), one)):
         with pytest.raises(rm.PartError, match=words):
-            rm.Scene(BODY, effects)
-    rm.Scene(BODY, named(FREE)(1.0))  # @effect without parentheses states no facts
+            rm.Scene(UNSYMMETRIC, effects)
+    rm.Scene(UNSYMMETRIC, named(FREE)(1.0))  # @effect without parentheses states no facts
     with pytest.raises(TypeError, match=r"no such fact 'unit'.*did you mean 'units'"):
         effect(unit={"k": "N m"})
 

@@ -11,12 +11,7 @@ from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.protocols import linear_combination, normalised, scaled, state_rates
 from rigidmc.scene.user_parts.integrators import check_user_integrator
-
-TOP = rm.Scene(
-    rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3)),
-    rm.Gravity(1.0),
-    rm.Start(omega=(1.0, rm.normal(0.5, 0.1), 0.3), attitude=(0.0, 1.0, 0.0)),
-)
+from tests.tools.scenes import TOP
 
 
 class Ralston(NamedTuple):

@@ -22,6 +22,7 @@ from rigidmc.planning.steps import rate_bounds
 from rigidmc.planning.tolerance import choose
 from tests.tools.plans import closed_form, plan_of, starts
 from tests.tools.same import assert_same
+from tests.tools.scenes import UNSYMMETRIC
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
@@ -511,7 +512,7 @@ def test_nutation_near_the_vertical_keeps_its_digits():
 
 
 WATCHED = rm.Scene(
-    rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3)),
+    UNSYMMETRIC,
     (rm.Gravity(1.0),),
     rm.Start(omega=rm.Sphere(1.0), attitude="uniform"),
 )
@@ -532,7 +533,7 @@ def test_steps_that_hide_what_is_watched_are_noted(save):
 
 
 TOPS = rm.Scene(
-    rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3)),
+    UNSYMMETRIC,
     (rm.Gravity(9.81),),
     rm.Start(omega=tuple(rm.normal(0.0, 2.0) for _ in range(3)), attitude="uniform"),
 )
@@ -628,9 +629,8 @@ def test_a_tolerance_chooses_no_step_that_hides_what_is_watched(monkeypatch):
 )
 def test_the_ledger_of_work_changes_nothing_that_is_watched(word, names):
     """The rows of what is watched follow those of the works in a block."""
-    body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
     start = rm.Start(omega=(0.5, rm.normal(0.7, 0.1), 5.0), attitude=(0.1, 0.4, 0.0))
-    scene = rm.Scene(body, (rm.Gravity(9.81), rm.ViscousDamping(0.1)), start)
+    scene = rm.Scene(UNSYMMETRIC, (rm.Gravity(9.81), rm.ViscousDamping(0.1)), start)
     run = {"dt": 0.01, "t_end": 2.0, "every": 0.5, "members": 40}
     alone, booked = (rm.simulate(scene, save=save, **run) for save in ((word,), (word, "work")))
     for name in names:

@@ -10,12 +10,8 @@ import pytest
 import rigidmc as rm
 from rigidmc.protocols import event, observable, running, vertical
 from rigidmc.statistics.measures import save_for_measures
+from tests.tools.scenes import TOP
 
-TOP = rm.Scene(
-    rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3)),
-    rm.Gravity(1.0),
-    rm.Start(omega=(1.0, rm.normal(0.5, 0.1), 0.3), attitude=(0.0, 1.0, 0.0)),
-)
 SHORT = {"members": 8, "dt": 0.05, "t_end": 2.0, "every": 0.5}
 
 
