@@ -460,8 +460,8 @@ def test_speeds_are_of_steps_that_watch_nothing(monkeypatch):
     runs = list[PreparedRun]()
     monkeypatch.setattr(bits, "cost_per_step", lambda run, _: runs.append(run) or 1.0)
     assert [steps for _, steps, _ in bits.speeds("cpu")] == 4 * [1e9]
-    assert [run.plan.monitors for run in runs] == 4 * [Monitors()]
-    assert [run.plan.has_attitude for run in runs] == [False, True, False, False]
+    has_attitude = [False, True, False, False]
+    assert [run.plan.monitors for run in runs] == [Monitors(has_attitude=a) for a in has_attitude]
 
 
 @pytest.mark.slow
