@@ -18,7 +18,7 @@ WORDS = {
         *("intermediate axis", "intermediate axis theorem", "T-handle", "wingnut"),
     ],
     "tutorials/heavy_top": [
-        *("gyroscope", "spinning top", "nutation", "precession", "sleeping top"),
+        *("gyroscope", "spinning top", "nutation", "precession", "sleeping top")
     ],
     "tutorials/satellites": ["tumbling", "satellite", "CubeSat", "detumbling", "detumble"],
     "tutorials/chaotic_tops": ["chaotic motion", "chaotic top"],

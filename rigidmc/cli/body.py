@@ -47,8 +47,7 @@ About = Annotated[
     ),
 ]
 Pivot = Annotated[
-    str | None,
-    typer.Option(metavar="POINT", help=r'Another fixed point: centre, or "X,Y,Z" \[m].'),
+    str | None, typer.Option(metavar="POINT", help=r'Another fixed point: centre, or "X,Y,Z" \[m].')
 ]
 Solid = Annotated[
     str,
@@ -63,7 +62,7 @@ Scale = Annotated[
     float | None,
     typer.Option(
         help="Metres per unit of a mesh file, e.g. 0.001 for millimetres; by default, guessed from"
-        " its size.",
+        " its size."
     ),
 ]
 
@@ -155,8 +154,7 @@ At = Annotated[
 ]
 Members = Annotated[int, count_option("--members", help="Compare the first N members.")]
 Picture = Annotated[
-    str | None,
-    typer.Option(metavar="FILE", help="Picture of the first member (.png, .pdf, .svg)."),
+    str | None, typer.Option(metavar="FILE", help="Picture of the first member (.png, .pdf, .svg).")
 ]
 
 

@@ -60,9 +60,7 @@ COMMANDS = {
         " without running it.",
     ),
     "check": Entry(
-        "show",
-        START,
-        "Check a scene file. Exit code 0 if it can be run, else 3 and a message.",
+        "show", START, "Check a scene file. Exit code 0 if it can be run, else 3 and a message."
     ),
     "scenes": Entry(
         "scenes", START, (library.__doc__ or "").replace("[", r"\[").replace("\n\n", "\n\n\b\n")
@@ -87,11 +85,7 @@ COMMANDS = {
         "Write one HTML page in which members turn in space next to their momentum spheres,"
         " with a time slider, omega, Euler angles and drifts. The page works offline.",
     ),
-    "plot": Entry(
-        "results",
-        LOOK,
-        "Draw a picture of a result.",
-    ),
+    "plot": Entry("results", LOOK, "Draw a picture of a result."),
     "animate": Entry(
         "results",
         LOOK,
@@ -147,9 +141,7 @@ COMMANDS = {
         "Write a complete run as one netCDF file. Exit code 4 if some of its members are flagged.",
     ),
     "extend": Entry(
-        "directories",
-        LONG_RUNS,
-        "Add members to a run. Existing members keep all their bits.",
+        "directories", LONG_RUNS, "Add members to a run. Existing members keep all their bits."
     ),
     "merge": Entry(
         "directories",

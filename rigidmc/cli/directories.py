@@ -300,8 +300,7 @@ def consolidate_command(
 def extend_command(
     run: RunArgument,
     members: Annotated[
-        int,
-        count_option("--members", help="New total of members; for a map, of each pixel."),
+        int, count_option("--members", help="New total of members; for a map, of each pixel.")
     ],
     threads: Threads = None,
     device: Device = None,

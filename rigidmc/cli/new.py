@@ -232,8 +232,7 @@ OPTIONS = {
         typer.Option(help="Standard deviation of the spin, relative to it; by default 0.01."),
     ],
     "lean": Annotated[
-        str | None,
-        _text("ANGLE", "Angle between axis 3 and the vertical: rad, 20deg, or uniform."),
+        str | None, _text("ANGLE", "Angle between axis 3 and the vertical: rad, 20deg, or uniform.")
     ],
     "gravity": Annotated[
         str | None,

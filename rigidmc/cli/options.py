@@ -248,8 +248,7 @@ FORMATS = (
     "File to write: netCDF (.nc), zarr (.zarr), or a table with one row per member (.csv, .parquet)"
 )
 ResultOutput = Annotated[
-    str | None,
-    typer.Option("-o", "--output", metavar="FILE", help=f"{FORMATS}."),
+    str | None, typer.Option("-o", "--output", metavar="FILE", help=f"{FORMATS}.")
 ]
 OutputOrRun = Annotated[
     str | None,

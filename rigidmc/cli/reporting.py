@@ -11,16 +11,7 @@ from contextlib import contextmanager
 from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, Any, TextIO, cast
 
-from rigidmc.cli.app import (
-    HUNG_UP,
-    INCOMPLETE,
-    INTERRUPTED,
-    INVALID,
-    IO,
-    REFUSED,
-    TERMINATED,
-    fail,
-)
+from rigidmc.cli.app import HUNG_UP, INCOMPLETE, INTERRUPTED, INVALID, IO, REFUSED, TERMINATED, fail
 from rigidmc.errors import (
     NoRoom,
     NoSuchScene,

@@ -110,8 +110,7 @@ def plot_command(
         typer.Option("-o", "--output", metavar="FILE", help="Picture to write (.png, .pdf, .svg)."),
     ],
     picture: Annotated[
-        str,
-        typer.Option(help=f"Kind of picture: {', '.join(PICTURES)}; with a bath also gibbs."),
+        str, typer.Option(help=f"Kind of picture: {', '.join(PICTURES)}; with a bath also gibbs.")
     ] = "summary",
     surface: Annotated[
         str | None,
@@ -274,8 +273,7 @@ def view_command(
     ] = None,
     settings: Set = [],  # noqa: B006
     is_live: Annotated[
-        bool,
-        typer.Option("--live", help="The page computes the scene itself, while sliders move."),
+        bool, typer.Option("--live", help="The page computes the scene itself, while sliders move.")
     ] = False,
     sliders: Annotated[
         list[str],

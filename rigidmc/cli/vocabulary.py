@@ -19,8 +19,7 @@ from rigidmc.errors import OptionError, unknown
 from rigidmc.results.labels import units_text, with_units
 
 Name = Annotated[
-    str | None,
-    typer.Argument(metavar="[NAME]", help="Describe this one; without NAME, list all."),
+    str | None, typer.Argument(metavar="[NAME]", help="Describe this one; without NAME, list all.")
 ]
 OfScene = Annotated[
     str | None,
@@ -73,10 +72,7 @@ def _by(dims: Iterable[str]) -> str:
     return f", by {', '.join(dims)}" if dims else ""
 
 
-def effects_command(
-    name: Name = None,
-    measure: MeasureEffects = False,
-) -> None:
+def effects_command(name: Name = None, measure: MeasureEffects = False) -> None:
     with report_errors():
         from rigidmc.physics.effects import EFFECTS, description
 
@@ -145,10 +141,7 @@ def _of_effect(name: str) -> Facts:
     yield "facts", description(kind)[2]
 
 
-def observables_command(
-    name: Name = None,
-    measure: MeasureObservables = False,
-) -> None:
+def observables_command(name: Name = None, measure: MeasureObservables = False) -> None:
     with report_errors():
         from rigidmc.physics.observables import OBSERVABLES, monitors, statistics
         from rigidmc.physics.observables.statistics import STATISTICS

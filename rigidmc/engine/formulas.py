@@ -37,12 +37,7 @@ from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties, scaled
 from rigidmc.physics.dynamics.methods import method
 from rigidmc.physics.dynamics.so3 import first_three
 from rigidmc.physics.effects.protocol import blank, numbers
-from rigidmc.physics.effects.sums import (
-    corrected_by_work,
-    state_rates,
-    total_energy,
-    total_torque,
-)
+from rigidmc.physics.effects.sums import corrected_by_work, state_rates, total_energy, total_torque
 from rigidmc.physics.integrators.protocol import step
 from rigidmc.physics.observables.protocol import begin, observed
 from rigidmc.processes.threads import Task, threads_of

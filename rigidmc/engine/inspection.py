@@ -16,13 +16,7 @@ from numba import typeof
 from rigidmc.engine.compiler.compose import NumbaError, inline_all, innermost_cause
 from rigidmc.engine.compiler.disk_cache import cached_text, text_entry
 from rigidmc.engine.compiler.frozen import frozen
-from rigidmc.engine.compiler.kernels import (
-    WIDTH,
-    KernelKey,
-    config,
-    signature_of,
-    type_key,
-)
+from rigidmc.engine.compiler.kernels import WIDTH, KernelKey, config, signature_of, type_key
 from rigidmc.engine.compiler.machine_code import lower
 from rigidmc.engine.compiler.memory import four_at, put_rows, three_at
 from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack

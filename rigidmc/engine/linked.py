@@ -18,12 +18,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.compile_time import announce_compiling
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.disk_cache import Entry, cached_text, has_text, text_entry
-from rigidmc.engine.compiler.kernels import (
-    CompiledFunction,
-    KernelKey,
-    llvm_of,
-    signature_of,
-)
+from rigidmc.engine.compiler.kernels import CompiledFunction, KernelKey, llvm_of, signature_of
 from rigidmc.engine.compiler.trees import tree_flatten
 from rigidmc.engine.kernel.arguments import (
     KernelShape,

@@ -18,12 +18,7 @@ from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.physics.effects.protocol import Effect, facts, is_random, shape
 from rigidmc.physics.integrators import refusal
 from rigidmc.physics.observables import OUTCOMES, is_own, outputs
-from rigidmc.physics.observables.protocol import (
-    DIMENSIONS,
-    EnsembleObservable,
-    Growth,
-    Running,
-)
+from rigidmc.physics.observables.protocol import DIMENSIONS, EnsembleObservable, Growth, Running
 from rigidmc.planning.initial import Source, initial_block, member_facts
 from rigidmc.planning.switches import check_switches
 from rigidmc.scene.derivatives import derivative_name

@@ -9,25 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.layout import (
-    EVENT_ROWS,
-    RECORDED,
-    STATUSES,
-    SUMS,
-    RowMap,
-    monitor_rows,
-)
+from rigidmc.engine.kernel.layout import EVENT_ROWS, RECORDED, STATUSES, SUMS, RowMap, monitor_rows
 from rigidmc.engine.kernel.layout import map_rows as places_for
 from rigidmc.physics.dynamics.dual_arrays import DualArray, plain
 from rigidmc.physics.dynamics.euler import MassProperties
-from rigidmc.physics.dynamics.methods import (
-    OFF,
-    Flag,
-    argument_names,
-    depends,
-    flag,
-    static_count,
-)
+from rigidmc.physics.dynamics.methods import OFF, Flag, argument_names, depends, flag, static_count
 from rigidmc.physics.effects.protocol import is_random, parameter_count
 from rigidmc.physics.observables import bind, dimensions, outputs
 from rigidmc.physics.observables.protocol import (
@@ -45,12 +31,7 @@ from rigidmc.physics.observables.protocol import (
     update,
     value,
 )
-from rigidmc.physics.observables.saving import (
-    FOLLOWED,
-    event_times,
-    results_of,
-    with_derivatives,
-)
+from rigidmc.physics.observables.saving import FOLLOWED, event_times, results_of, with_derivatives
 from rigidmc.planning.steps import Clock
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows, is_variable

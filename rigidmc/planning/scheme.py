@@ -108,9 +108,7 @@ def _turn_rates(model: Model, block: Array, own_steps: bool) -> _TurnRates:
     margin = margin if is_variable(*model.quantities()) else 1.0
     # a member that exceeds the bounds is flagged; the scheme does not allow for it
     return _TurnRates(
-        margin * _largest(free),
-        (1.0 if own_steps else margin) * _largest(spin),
-        symmetric,
+        margin * _largest(free), (1.0 if own_steps else margin) * _largest(spin), symmetric
     )
 
 

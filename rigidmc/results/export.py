@@ -20,12 +20,7 @@ from rigidmc.files.netcdf import open_trusted
 from rigidmc.files.outputs import PartialFile, Path, naming_the_path, refuse_existing, write_bytes
 from rigidmc.files.reading import harmless
 from rigidmc.results.layout import ResultLayout, Selection
-from rigidmc.results.sinks import (
-    Arrays,
-    MemorySink,
-    ResultSink,
-    kept_values,
-)
+from rigidmc.results.sinks import Arrays, MemorySink, ResultSink, kept_values
 from rigidmc.results.writer import Writer, netcdf_bytes, round_digits
 from rigidmc.scene.derivatives import EACH
 

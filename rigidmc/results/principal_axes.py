@@ -42,10 +42,7 @@ def apply_lazily(
         output_core_dims=[list(out)],
         dask="parallelized",
         output_dtypes=[float],
-        dask_gufunc_kwargs={
-            "allow_rechunk": True,
-            "output_sizes": dict(sizes),
-        },
+        dask_gufunc_kwargs={"allow_rechunk": True, "output_sizes": dict(sizes)},
     )
     return made
 

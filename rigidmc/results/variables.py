@@ -13,12 +13,7 @@ from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import Effect, facts, shape
 from rigidmc.physics.observables import OBSERVABLES, outputs, title
 from rigidmc.physics.observables.protocol import Growth
-from rigidmc.physics.observables.saving import (
-    CENSORED,
-    FOLLOWED,
-    LAG,
-    event_times,
-)
+from rigidmc.physics.observables.saving import CENSORED, FOLLOWED, LAG, event_times
 from rigidmc.scene.body import Body
 from rigidmc.scene.derivatives import derivative_name, derivative_units
 from rigidmc.scene.drifts import LAWS

@@ -15,9 +15,7 @@ from rigidmc.files.locks import refuse_lockless
 from rigidmc.files.netcdf import close_once, in_netcdf_thread, naming_failures
 from rigidmc.files.outputs import PartialFile, Path, refuse_existing
 from rigidmc.results.layout import ResultLayout, Selection
-from rigidmc.results.sinks import (
-    Arrays,
-)
+from rigidmc.results.sinks import Arrays
 from rigidmc.results.variables import Variable
 
 

@@ -83,10 +83,7 @@ def derivatives_on(device: str, plan: Plan) -> Derivatives:
 
 
 def make_program(
-    plan: Plan,
-    device: str = "cpu",
-    compiled: bool = True,
-    derivatives: Derivatives | None = None,
+    plan: Plan, device: str = "cpu", compiled: bool = True, derivatives: Derivatives | None = None
 ) -> Program | None:
     """Return the program that moves the members of a plan, compiled or from the cache; None for
     closed forms.

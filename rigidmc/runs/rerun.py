@@ -169,11 +169,7 @@ def _whole_steps(run: Run, every: SaveTimes | None) -> SaveTimes | None:
 
 
 def _saving(
-    scene: Scene,
-    save: Iterable[str] | None,
-    between: SaveTimes | None,
-    members: range,
-    every: Any,
+    scene: Scene, save: Iterable[str] | None, between: SaveTimes | None, members: range, every: Any
 ) -> Scene:
     """Return the scene of some members with other saves.
 

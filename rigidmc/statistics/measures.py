@@ -322,11 +322,7 @@ def _in_si(text: str, number: float, unit: str, variable: Any) -> float:
 
 
 def _check_axis(
-    text: str,
-    name: str,
-    axis: str | None,
-    variables: Variables,
-    may_save_more: bool,
+    text: str, name: str, axis: str | None, variables: Variables, may_save_more: bool
 ) -> None:
     """Raise OptionError for an unknown variable, and for a missing or superfluous component."""
     dims = _dims(text, name, variables, may_save_more)

@@ -172,12 +172,7 @@ def _one_well(axes: Axes, degrees: Floats, u: Floats, energy: float, turns: Floa
 
 
 def _wells(
-    axes: Axes,
-    degrees: Floats,
-    u: Floats,
-    energy: Floats,
-    turns: Floats,
-    labels: list[str | None],
+    axes: Axes, degrees: Floats, u: Floats, energy: Floats, turns: Floats, labels: list[str | None]
 ) -> None:
     """Draw effective potentials (n, points) with energies (n,) and turning angles (n, 2) [deg]."""
     low, high = axes.get_ylim()
@@ -258,10 +253,7 @@ def without_mean_rate(t: Floats, angle: Floats, rate: float | None = None) -> tu
 
 
 def euler_angles(
-    attitude: Floats,
-    t: Floats,
-    axes: Axes | None = None,
-    rates: tuple[float, float] | None = None,
+    attitude: Floats, t: Floats, axes: Axes | None = None, rates: tuple[float, float] | None = None
 ) -> Figure:
     """Draw Euler angles z-x-z of attitudes (n, 4) against t (n,).
 

@@ -48,10 +48,7 @@ def thin_result(ds: xr.Dataset) -> xr.Dataset:
     most = min(VECTORS // read, max(MEMBERS, POINTS // read))
     every, stride = -(-times // TIMES), -(-members // most)
     states = [name for name in _STATES if name in ds]
-    even = {
-        "time": slice((times - 1) % every, None, every),
-        "member": slice(None, None, stride),
-    }
+    even = {"time": slice((times - 1) % every, None, every), "member": slice(None, None, stride)}
     # the momentum of rotors affects the rate at which omega turns, see `drive_of`
     held = [name for name in map(str, ds.data_vars) if name.endswith("_momentum")]
     held = [name for name in held if name not in states and ds[name].dims == ("axis", "member")]

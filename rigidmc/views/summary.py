@@ -20,15 +20,7 @@ from rigidmc.statistics.spread import Row, Spread, spreads
 
 QUANTILES = (0.05, 0.5, 0.95)
 # not in the summary
-_PLAIN = (
-    "status",
-    "status_step",
-    "status_time",
-    "drift_law",
-    "mass",
-    "steps",
-    "followed_until",
-)
+_PLAIN = ("status", "status_step", "status_time", "drift_law", "mass", "steps", "followed_until")
 
 
 def summary_text(

@@ -204,11 +204,6 @@ def effective_potential(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     axes = axes or figure_of_result(ds, (7.0, 4.8)).add_subplot()
     shown = symmetric_about_3(tops)
     draw_effective_potential(
-        shown.moments,
-        shown.weight,
-        shown.momentum,
-        shown.attitude,
-        axes,
-        start_labels(good),
+        shown.moments, shown.weight, shown.momentum, shown.attitude, axes, start_labels(good)
     )
     return figure_of(axes)

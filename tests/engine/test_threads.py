@@ -25,8 +25,7 @@ H, TOTAL, STRIDE, MEMBERS = 0.01, 200, 30, 96
 
 def job(low, size, out):
     return SimpleNamespace(
-        program=program(scheme_of(RK4()), EFFECTS, EVERYTHING), noise=None, order=None, h=H,
-        slots=1, total=TOTAL, stride=STRIDE, rounds=TOTAL, done=0, head=TOTAL, last_h=H,
+        program=program(scheme_of(RK4()), EFFECTS, EVERYTHING), noise=None, order=None,
         block=np.ascontiguousarray(tops()[:, low : low + size]), out=out, width=MEMBERS, column=low,
         steps=StepRange(H, 1, STRIDE, TOTAL, 0, 0, TOTAL, TOTAL, H),
     )  # fmt: skip
@@ -165,7 +164,8 @@ print(count)
 
 def closed(i):
     """A job without steps."""
-    return SimpleNamespace(program=None, block=np.zeros((3, 4)), rounds=1, total=1, done=0)
+    steps = SimpleNamespace(first=0, total=1, slots=1)
+    return SimpleNamespace(program=None, block=np.zeros((3, 4)), steps=steps)
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there are no timers of signals")

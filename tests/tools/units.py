@@ -21,12 +21,7 @@ from rigidmc.physics.effects.protocol import (
     numbers,
     user_parameters,
 )
-from rigidmc.physics.observables import (
-    OBSERVABLES,
-    bare_observables,
-    square_units,
-    statistics,
-)
+from rigidmc.physics.observables import OBSERVABLES, bare_observables, square_units, statistics
 from rigidmc.planning.unit_scale import scale_scene
 from rigidmc.scene.derivatives import quotient
 from rigidmc.scene.distributions import Distribution

@@ -26,11 +26,7 @@ from rigidmc.engine.cuda.devices import (
     select_devices,
 )
 from rigidmc.engine.cuda.ptx import THREAD, ptx_of
-from rigidmc.engine.kernel.arguments import (
-    NoiseKeys,
-    SaveTarget,
-    StepRange,
-)
+from rigidmc.engine.kernel.arguments import NoiseKeys, SaveTarget, StepRange
 from rigidmc.engine.linked import KERNEL, LinkedProgram
 from rigidmc.engine.program import NO_NOISE, NO_SAVES, fill_record
 from rigidmc.errors import NoDevice, NoRoom

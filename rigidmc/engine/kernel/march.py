@@ -15,12 +15,7 @@ import numpy as np
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
 from rigidmc.engine.compiler.memory import group_of, of_body, of_effects, put_rows, without_tangents
-from rigidmc.engine.compiler.trees import (
-    noise_of,
-    tree_unflatten,
-    tree_unpack,
-    with_noise,
-)
+from rigidmc.engine.compiler.trees import noise_of, tree_unflatten, tree_unpack, with_noise
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.member import next_attitude
 from rigidmc.engine.kernel.noise import normal_deviates

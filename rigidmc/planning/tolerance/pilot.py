@@ -18,12 +18,7 @@ from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.check import check_scene
-from rigidmc.planning.initial import (
-    Source,
-    initial_block,
-    make_pilot,
-    make_sampler,
-)
+from rigidmc.planning.initial import Source, initial_block, make_pilot, make_sampler
 from rigidmc.planning.monitors import Monitors, make_monitors
 from rigidmc.planning.plan import driving_effects
 from rigidmc.planning.scheme import make_scheme

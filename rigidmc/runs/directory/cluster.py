@@ -286,11 +286,7 @@ def _appeared(path: str) -> bool:
 
 
 def shard(
-    i: int,
-    path: str,
-    texts: tuple[bytes, ...],
-    how: Resume,
-    work: Work | None = None,
+    i: int, path: str, texts: tuple[bytes, ...], how: Resume, work: Work | None = None
 ) -> ComputedShard:
     """Compute shard i of a run, on a worker.
 

@@ -29,12 +29,7 @@ from rigidmc.results.layout import ResultLayout
 from rigidmc.results.reader import check_result
 from rigidmc.results.variables import METHOD, NEWER, Variable
 from rigidmc.runs.directory.folder import RunDirectory, flagged_count
-from rigidmc.runs.directory.load import (
-    load_run,
-    method_of_growth,
-    scene_of_run,
-    text_of_run,
-)
+from rigidmc.runs.directory.load import load_run, method_of_growth, scene_of_run, text_of_run
 
 GROWING = ("member", "flagged")  # the dimensions that grow with the shards
 GROUP = 2**24  # bytes of the largest variable in a group of shards
@@ -286,12 +281,7 @@ class _Layout(NamedTuple):
 
 
 def _of_run(layout: ResultLayout) -> _Layout:
-    variables = {
-        **layout.by_member,
-        **layout.at_saves,
-        **layout.of_flagged,
-        **layout.of_ensemble,
-    }
+    variables = {**layout.by_member, **layout.at_saves, **layout.of_flagged, **layout.of_ensemble}
     for name, (dims, dtype, attrs) in variables.items():
         if layout.is_rounded(name):
             more = {**attrs, "significant_digits": layout.scene.run.digits}

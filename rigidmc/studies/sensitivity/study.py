@@ -128,10 +128,7 @@ def scene_of_families(
 
 
 def indices(
-    values: Array,
-    confidence: float = 0.95,
-    controls: bool = True,
-    resolved: float | None = None,
+    values: Array, confidence: float = 0.95, controls: bool = True, resolved: float | None = None
 ) -> tuple[Interval, Interval]:
     """Return (first, total): the Sobol indices of d parameters as Intervals of arrays (d,).
 

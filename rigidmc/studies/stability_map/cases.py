@@ -45,9 +45,7 @@ def growth_rate(ds: xr.Dataset, i1: Array, i3: Array) -> Array:
 
 
 GROWTH_RATE = MapTheory(
-    "s-1",
-    "growth rate of a disturbance, sqrt((I2 - I1)(I3 - I2)/(I1 I3)) omega",
-    growth_rate,
+    "s-1", "growth rate of a disturbance, sqrt((I2 - I1)(I3 - I2)/(I1 I3)) omega", growth_rate
 )
 
 
@@ -293,9 +291,7 @@ def chaos_share() -> MapCase:
         members=16,
         derived={
             "theory": MapTheory(
-                "1",
-                "energy / energy of the upright top at rest",
-                lambda ds, x, energy: energy,
+                "1", "energy / energy of the upright top at rest", lambda ds, x, energy: energy
             )
         },
         shown="p(megno>4)",

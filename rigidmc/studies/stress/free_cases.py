@@ -10,13 +10,7 @@ import numpy as np
 
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.studies.stress.case import HardCase, group
-from rigidmc.studies.stress.motions import (
-    UPRIGHT,
-    direction,
-    invariants,
-    largest_change,
-    tops,
-)
+from rigidmc.studies.stress.motions import UPRIGHT, direction, invariants, largest_change, tops
 from rigidmc.studies.stress.problems import HARD
 from rigidmc.studies.stress.truths import (
     distance_to_closed_form,

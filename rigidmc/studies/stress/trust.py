@@ -183,9 +183,7 @@ LEFT = 1e-2  # error at which two digits are left: results with a larger error a
 
 
 def trust(
-    scene: Scene,
-    quick: bool = False,
-    progress: bool | Callable[[int, int], object] = False,
+    scene: Scene, quick: bool = False, progress: bool | Callable[[int, int], object] = False
 ) -> xr.Dataset:
     """Run the generic checks on a scene; return a Dataset over `check` and `time`, which
     `rigidmc.stress` describes.

@@ -136,11 +136,7 @@ def engine_data(live: LiveRun, members: int) -> dict[str, Any]:
         "lanes": LANES,
         "values": live.run.layout.values,
         "status": layout.STATUS,
-        "rows": {
-            "attitude": layout.ATTITUDE,
-            "momentum": layout.MOMENTUM,
-            "body": layout.BODY,
-        },
+        "rows": {"attitude": layout.ATTITUDE, "momentum": layout.MOMENTUM, "body": layout.BODY},
         "fields": {name: (fields[name][1], fields[name][0].str[1:]) for name in names},
     }
 

@@ -512,9 +512,7 @@ def test_nutation_near_the_vertical_keeps_its_digits():
 
 
 WATCHED = rm.Scene(
-    UNSYMMETRIC,
-    (rm.Gravity(1.0),),
-    rm.Start(omega=rm.Sphere(1.0), attitude="uniform"),
+    UNSYMMETRIC, (rm.Gravity(1.0),), rm.Start(omega=rm.Sphere(1.0), attitude="uniform")
 )
 
 
