@@ -42,8 +42,8 @@ NEW = {
         "physics/integrators/cash_karp.py",
         recipe("Add an integrator"),
         "physics/integrators/__init__.py",
-        '    "lie",',
-        '    "cash_karp",',
+        '"lie", ',
+        '"cash_karp", ',
     ),
     "observable": (
         "physics/observables/vertical.py",
@@ -116,11 +116,11 @@ def new_map() -> MapCase:
 
 
 def insert(path, before, text):
-    """Write a text before the one line that begins so."""
-    lines = path.read_text().split("\n")
-    (at,) = (i for i, known in enumerate(lines) if known.startswith(before))
-    lines.insert(at, text)
-    path.write_text("\n".join(lines))
+    """Write a text before the one place that reads so: an item of a line, or a line."""
+    file = path.read_text()
+    assert file.count(before) == 1, (path, before)
+    text = text if text.endswith(" ") else f"{text}\n"
+    path.write_text(file.replace(before, text + before))
 
 
 @pytest.fixture(scope="module")
