@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from rigidmc.errors import PartError
 from rigidmc.scene.library import shipped_names
 from tests.tools.pages import scenes
 
@@ -214,7 +215,10 @@ SHOWN = {"docs/how_to/units.md"}
 
 def suspicions(scene):
     """Return the notes of a scene that suspect a mistake in its numbers."""
-    notes = told(lambda: scene).splitlines()
+    try:
+        notes = told(lambda: scene).splitlines()
+    except PartError:  # the example of this error
+        return []
     return [note for note in notes if SUSPICIONS.search(note)]
 
 
