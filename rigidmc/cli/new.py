@@ -13,7 +13,7 @@ from rigidmc.cli.options import Force, count_option, gather_options, time_option
 from rigidmc.cli.reporting import refuse_outputs, report_errors
 from rigidmc.errors import OptionError, RigidmcError, SceneError, unknown
 from rigidmc.inputs.amounts import read_count_text
-from rigidmc.inputs.units import as_measured, quantity_text
+from rigidmc.inputs.measured import as_measured, quantity_text
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.scene.units import in_si, size_units
 

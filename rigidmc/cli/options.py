@@ -11,7 +11,8 @@ from rigidmc.cli.app import INVALID, IO, fail
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.errors import NoDevice, OptionError, RigidmcError
 from rigidmc.inputs.amounts import read_count_text, read_seconds, words_of
-from rigidmc.inputs.units import in_units, units_text
+from rigidmc.inputs.measured import in_units
+from rigidmc.inputs.units import units_text
 from rigidmc.scene.library import shipped_names
 from rigidmc.scene.save_times import read_every
 from rigidmc.scene.settings import Angle, Count, Digits, Every, Index, Rate, Run, Time, types

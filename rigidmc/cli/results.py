@@ -349,7 +349,7 @@ def _live_page(
 
 def _slider(text: str) -> tuple[str, tuple[str, str] | None]:
     """Read NAME or NAME=LOW:HIGH; OptionError. A unit beside HIGH alone is the unit of both."""
-    from rigidmc.inputs.units import as_measured, quantity_text
+    from rigidmc.inputs.measured import as_measured, quantity_text
 
     name, has_ends, ends = text.partition("=")
     if not has_ends:

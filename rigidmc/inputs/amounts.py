@@ -10,7 +10,8 @@ from numbers import Integral, Real
 from typing import Any, TypeGuard
 
 from rigidmc.errors import OptionError, RigidmcError
-from rigidmc.inputs.units import LONGEST, from_foreign, is_foreign
+from rigidmc.inputs.measured import from_foreign, is_foreign
+from rigidmc.inputs.units import LONGEST
 
 _UNITS: dict[str, tuple[Fraction, str]] = {  # unit: (seconds, pattern of its names)
     "d": (Fraction(86400), "d|days?"),

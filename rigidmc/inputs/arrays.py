@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import SceneError, warn
 from rigidmc.inputs.labelled import COLUMN, Wanted, has_dims, is_labelled, read_labelled, two_ways
-from rigidmc.inputs.units import ARGUMENTS, from_foreign, is_foreign, numbers_in
+from rigidmc.inputs.measured import from_foreign, is_foreign, numbers_in
+from rigidmc.inputs.units import ARGUMENTS
 
 _SEQUENCES = (list, tuple, range, deque, machine_array)
 _PLAIN_ARRAYS = (np.memmap, np.matrix, np.recarray)  # carry no more than the numbers of an ndarray

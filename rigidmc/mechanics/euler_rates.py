@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import warn
 from rigidmc.inputs.arrays import Shape, broadcast_arguments, check_rows, floats
-from rigidmc.inputs.units import degrees_note
+from rigidmc.inputs.measured import degrees_note
 from rigidmc.mechanics.euler_angles import LOCKED, PROPER, TEXTBOOK, axes_of, check_sequence
 
 _Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import warn
 from rigidmc.inputs.arrays import Shape, broadcast_arguments, check_rows, warn_of_rows
-from rigidmc.inputs.units import degrees_note
+from rigidmc.inputs.measured import degrees_note
 
 _Floats = NDArray[np.float64]
 ROUNDED = 2.0 * np.finfo(float).eps  # relative rounding of an angle, or of a product of 4 numbers

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from rigidmc.errors import SceneError, warn
 from rigidmc.inputs.arrays import check_rows, floats
 from rigidmc.inputs.labelled import Wanted
-from rigidmc.inputs.units import euler_degrees_note, is_foreign, numbers_in
+from rigidmc.inputs.measured import euler_degrees_note, is_foreign, numbers_in
 from rigidmc.mechanics.euler_angles import (
     TEXTBOOK,
     angles_of_quaternions,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.inputs.amounts import count_text
-from rigidmc.inputs.units import degrees_note, euler_degrees_note
+from rigidmc.inputs.measured import degrees_note, euler_degrees_note
 from rigidmc.mechanics.impossible import causes_text
 from rigidmc.mechanics.inertia import TOO_FAR, TRIANGLE, too_far, violates_triangle
 from rigidmc.mechanics.solids import SOLIDS

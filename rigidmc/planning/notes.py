@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.inspection import scalar_parts
 from rigidmc.engine.machine import is_uncompiled
-from rigidmc.inputs.units import degrees_note
+from rigidmc.inputs.measured import degrees_note
 from rigidmc.physics.dynamics.methods import arguments, implements
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.bath import Bath

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, unknown
 from rigidmc.inputs.arrays import is_number
-from rigidmc.inputs.units import Measured, common_unit
+from rigidmc.inputs.measured import Measured, common_unit
 from rigidmc.physics.dynamics.functions import normal_quantile
 
 Array = NDArray[np.float64]

@@ -12,7 +12,8 @@ from rigidmc.errors import RigidmcError, SceneError, nearest
 from rigidmc.inputs.amounts import parse_seconds
 from rigidmc.inputs.arrays import as_plain_arrays
 from rigidmc.inputs.labelled import is_labelled
-from rigidmc.inputs.units import Measured, as_measured, converter, in_units, rule_with_hint
+from rigidmc.inputs.measured import Measured, as_measured, in_units
+from rigidmc.inputs.units import converter, rule_with_hint
 
 SaveTimes = float | tuple[float, ...] | str
 EVERY = 'expected a time, increasing times, or saves per turn such as "50/turn"'

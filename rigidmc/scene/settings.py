@@ -28,7 +28,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from rigidmc.errors import SceneError, from_pydantic
 from rigidmc.inputs.amounts import parse_count, words_of
-from rigidmc.inputs.units import in_units, rule_with_hint
+from rigidmc.inputs.measured import in_units
+from rigidmc.inputs.units import rule_with_hint
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.integrators.protocol import follows_turns
 from rigidmc.scene.save_times import SaveTimes, parse_every, seconds_of

@@ -17,7 +17,7 @@ import numpy as np
 
 from rigidmc.errors import SceneError, unknown
 from rigidmc.inputs.arrays import as_plain_arrays, floats
-from rigidmc.inputs.units import Measured
+from rigidmc.inputs.measured import Measured
 from rigidmc.mechanics.euler_angles import TEXTBOOK, check_sequence
 from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.scene.distributions import Distribution

@@ -12,17 +12,8 @@ import numpy as np
 
 from rigidmc.errors import SceneError
 from rigidmc.inputs.amounts import parse_seconds
-from rigidmc.inputs.units import (
-    Measured,
-    Unit,
-    converter,
-    from_foreign,
-    is_foreign,
-    powers_of,
-    quantity_text,
-    units_of_powers,
-    units_text,
-)
+from rigidmc.inputs.measured import Measured, from_foreign, is_foreign, quantity_text
+from rigidmc.inputs.units import Unit, converter, powers_of, units_of_powers, units_text
 from rigidmc.physics.effects.protocol import Effect, facts, shape
 from rigidmc.physics.observables import bare_observables
 from rigidmc.scene.distributions import Distribution

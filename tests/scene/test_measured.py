@@ -12,7 +12,8 @@ from scipy import constants
 
 import rigidmc as rm
 from rigidmc.errors import OptionError, SceneError
-from rigidmc.inputs.units import KNOWN, Measured, converter, quantity_text, unit_of, units_text
+from rigidmc.inputs.measured import Measured, quantity_text
+from rigidmc.inputs.units import KNOWN, converter, unit_of, units_text
 from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import effect, facts
 from rigidmc.scene.parameters import parameter_names, unit_at

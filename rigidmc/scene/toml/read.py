@@ -16,7 +16,7 @@ from rigidmc.files.opening import is_zarr
 from rigidmc.files.reading import toml
 from rigidmc.files.user_code import class_named, source_of
 from rigidmc.inputs.amounts import count_text
-from rigidmc.inputs.units import list_text
+from rigidmc.inputs.measured import list_text
 from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import EFFECTS

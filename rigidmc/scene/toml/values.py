@@ -9,7 +9,8 @@ import numpy as np
 
 from rigidmc.errors import PartError, RigidmcError, SceneError, nearest, unknown
 from rigidmc.files.user_code import source_of
-from rigidmc.inputs.units import Measured, unit_named, unit_of
+from rigidmc.inputs.measured import Measured
+from rigidmc.inputs.units import unit_named, unit_of
 from rigidmc.physics.dynamics.methods import word_of
 from rigidmc.scene.distributions import Distribution, distribution, is_distribution, mixture
 from rigidmc.scene.quantities import Grid, grid

@@ -11,7 +11,7 @@ from typing import Any, Self, dataclass_transform, get_args, get_type_hints
 
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.inputs.amounts import read_count, read_seconds, words_of
-from rigidmc.inputs.units import as_measured, in_units, quantity_text
+from rigidmc.inputs.measured import as_measured, in_units, quantity_text
 from rigidmc.scene.parameters import parameter_names, unit_at
 from rigidmc.scene.scene import Scene
 

@@ -21,7 +21,7 @@ from rigidmc.engine.inspection import refuse_uncompilable
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, SceneError, nearest
 from rigidmc.inputs.amounts import parse_seconds
-from rigidmc.inputs.units import in_units, quantity_text
+from rigidmc.inputs.measured import in_units, quantity_text
 from rigidmc.physics.dynamics.body_axes import body_axes
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.effects import label_effects
