@@ -39,7 +39,7 @@ from rigidmc.physics.dynamics.so3 import first_three
 from rigidmc.physics.effects.protocol import blank, numbers
 from rigidmc.physics.effects.sums import corrected_by_work, state_rates, total_energy, total_torque
 from rigidmc.physics.integrators.protocol import step
-from rigidmc.physics.observables.protocol import begin, observed
+from rigidmc.physics.observables.compiled import begin, observed
 from rigidmc.processes.threads import Task, threads_of
 
 # Elements per call on a thread, at most (a few ms) and at least (0.1 ms).

@@ -42,7 +42,7 @@ from rigidmc.physics.effects.protocol import (
 from rigidmc.physics.effects.sums import total_torque
 from rigidmc.physics.integrators.protocol import from_stepping, precompute, step, to_stepping
 from rigidmc.physics.observables import is_own
-from rigidmc.physics.observables.protocol import (
+from rigidmc.physics.observables.compiled import (
     armed,
     begin,
     counts_at_start,

@@ -15,7 +15,7 @@ from rigidmc.physics.dynamics.euler import kinetic_energy
 from rigidmc.physics.dynamics.so3 import dot, inverse
 from rigidmc.physics.effects import label_effects, name_of
 from rigidmc.physics.effects.sums import total_energy, total_energy_scale
-from rigidmc.physics.observables.protocol import observed
+from rigidmc.physics.observables.compiled import observed
 from rigidmc.planning.initial import Source, Start, initial_block
 from rigidmc.planning.steps import Array, Clock, physics
 from rigidmc.scene.model import Model

@@ -16,13 +16,7 @@ from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import OFF, Flag, argument_names, depends, flag, static_count
 from rigidmc.physics.effects.protocol import is_random, parameter_count
 from rigidmc.physics.observables import bind, dimensions, outputs
-from rigidmc.physics.observables.protocol import (
-    EnsembleObservable,
-    Event,
-    EventRecord,
-    Growth,
-    NoiseSum,
-    Running,
+from rigidmc.physics.observables.compiled import (
     armed,
     begin,
     extrema,
@@ -30,6 +24,14 @@ from rigidmc.physics.observables.protocol import (
     level,
     update,
     value,
+)
+from rigidmc.physics.observables.protocol import (
+    EnsembleObservable,
+    Event,
+    EventRecord,
+    Growth,
+    NoiseSum,
+    Running,
 )
 from rigidmc.physics.observables.saving import FOLLOWED, event_times, results_of, with_derivatives
 from rigidmc.planning.steps import Clock

@@ -20,7 +20,7 @@ from rigidmc.physics.effects.gravity_gradient import GravityGradient
 from rigidmc.physics.effects.pivot import MovingPivot
 from rigidmc.physics.effects.protocol import blank, facts, from_numbers, shape
 from rigidmc.physics.observables import is_own, label_observables
-from rigidmc.physics.observables.protocol import is_attitude, is_body_vector
+from rigidmc.physics.observables.compiled import is_attitude, is_body_vector
 from rigidmc.planning.model_notes import (
     CURE,
     FEW,

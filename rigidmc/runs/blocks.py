@@ -21,7 +21,7 @@ from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties, kinetic
 from rigidmc.physics.dynamics.so3 import conjugate, dot, multiply
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.effects.sums import has_untracked
-from rigidmc.physics.observables.protocol import is_time_average
+from rigidmc.physics.observables.compiled import is_time_average
 from rigidmc.planning import monitors
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.initial import Start, rows_to_fill

@@ -32,7 +32,7 @@ intrinsics         functions with special code: a choice by a mask, another prec
 math_functions     the functions of `math` that custom code may call
 memory             rows of vectors as a type; uncompiled they are arrays
 lowering           a function of the package from bytecode to LLVM code, by Numba's steps
-pipeline           the same for a custom function, by Numba's own pipeline
+pipeline           lowers a custom function, by Numba's own pipeline
 libraries          when code is inlined and optimised: once, in the kernel
 fma                the one rule that decides which products are fused with sums
 machine_code       from a kernel to LLVM code, machine code and its address

@@ -28,7 +28,7 @@ from rigidmc.physics.dynamics.euler import scaled
 from rigidmc.physics.dynamics.so3 import logical_not, select, select_all
 from rigidmc.physics.effects.sums import state_rates
 from rigidmc.physics.integrators.protocol import from_stepping, to_stepping
-from rigidmc.physics.observables.protocol import armed, counts_at_start, dwell, is_terminal, level
+from rigidmc.physics.observables.compiled import armed, counts_at_start, dwell, is_terminal, level
 
 # Steps back: three steps of the Illinois method together have order 3, and after five the error is
 # 1e-15 of a step for a smooth level; three more are for levels that are not smooth.
@@ -312,7 +312,7 @@ def start_counts(event, there, t):
 def record_dwell(wait, event, hit, step, start_back, before, after, now, rows):
     """Record that a dwell begins or ends; a dwell that ends counts if it was long enough.
 
-    wait : see `dwell` of `rigidmc.physics.observables.protocol`
+    wait : see `dwell` of `rigidmc.physics.observables.compiled`
     other arguments : as in `record_event`
     """
     t = crossing_time(wait[1:], event, step, start_back[0], before, after[0], now)

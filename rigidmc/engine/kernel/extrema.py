@@ -25,7 +25,7 @@ from rigidmc.physics.dynamics.so3 import (
     select_all,
     touch_up,
 )
-from rigidmc.physics.observables.protocol import armed, extrema, extremum_limits, update
+from rigidmc.physics.observables.compiled import armed, extrema, extremum_limits, update
 from rigidmc.physics.observables.statistics import rest
 
 # How far a minimum may lie below its estimate, in units of the change of the slope: for an estimate

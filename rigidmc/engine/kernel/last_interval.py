@@ -18,7 +18,7 @@ from rigidmc.engine.kernel.member import state_in_double
 from rigidmc.engine.kernel.running import put_states, states_at
 from rigidmc.physics.dynamics.so3 import concat, first_three
 from rigidmc.physics.integrators.protocol import from_stepping, to_stepping
-from rigidmc.physics.observables.protocol import reweighed
+from rigidmc.physics.observables.compiled import reweighed
 
 
 def change_length(

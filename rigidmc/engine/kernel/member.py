@@ -55,7 +55,7 @@ from rigidmc.physics.effects.sums import (
     untracked_work,
 )
 from rigidmc.physics.integrators.protocol import from_stepping, to_stepping
-from rigidmc.physics.observables.protocol import observed
+from rigidmc.physics.observables.compiled import observed
 
 UNLIMITED = 1e300  # steps of a round, for members without their own number
 

@@ -26,7 +26,7 @@ from rigidmc.engine.kernel.extrema import PARABOLA_DOUBT
 from rigidmc.physics.dynamics.functions import as_float, as_word
 from rigidmc.physics.dynamics.methods import OFF, ON
 from rigidmc.physics.dynamics.so3 import select, select_all
-from rigidmc.physics.observables.protocol import (
+from rigidmc.physics.observables.compiled import (
     begin,
     extremum_limits,
     is_time_average,

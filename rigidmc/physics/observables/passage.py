@@ -142,9 +142,9 @@ class ConeLevel(NamedTuple):
         level = sign (e . d) - cosine |d|, which rises through 0 at the event
 
     axis : ON for the axis, OFF for the others
-    stop : see `rigidmc.physics.observables.protocol.is_terminal`
+    stop : see `rigidmc.physics.observables.compiled.is_terminal`
     ignored : ON if a start beyond the cone does not count
-    hold : see `rigidmc.physics.observables.protocol.dwell`
+    hold : see `rigidmc.physics.observables.compiled.dwell`
     """
 
     axis: tuple[Flag, ...]

@@ -14,15 +14,8 @@ import numpy as np
 
 from rigidmc.physics.dynamics.methods import OFF, ON, implements
 from rigidmc.physics.dynamics.so3 import select
-from rigidmc.physics.observables.protocol import (
-    Array,
-    Kind,
-    is_conserved,
-    monotone,
-    observed,
-    running,
-    size,
-)
+from rigidmc.physics.observables.compiled import is_conserved, monotone, observed
+from rigidmc.physics.observables.protocol import Array, Kind, running, size
 
 _NO_START = (0.0, 0.0, 0.0, 0.0)
 

@@ -11,13 +11,7 @@ import numpy as np
 from rigidmc.physics.dynamics.methods import argument_names, implements
 from rigidmc.physics.dynamics.trials import RULE, Trial, states
 from rigidmc.physics.observables import is_own, word_of_observable
-from rigidmc.physics.observables.protocol import (
-    DIMENSIONS,
-    OLD_WORDS,
-    Event,
-    EventRecord,
-    Observable,
-    Running,
+from rigidmc.physics.observables.compiled import (
     armed,
     begin,
     counts_at_start,
@@ -28,9 +22,17 @@ from rigidmc.physics.observables.protocol import (
     level,
     merged,
     reweighed,
-    size,
     update,
     value,
+)
+from rigidmc.physics.observables.protocol import (
+    DIMENSIONS,
+    OLD_WORDS,
+    Event,
+    EventRecord,
+    Observable,
+    Running,
+    size,
 )
 from rigidmc.scene.user_parts.effects import BODY
 

@@ -40,7 +40,7 @@ class StudyVariable(NamedTuple):
         """Return its line of the section Returns."""
         dims = f" ({', '.join(self.dims.split())})" if self.dims else ""
         ends = f", with `{self.name}_low` and `{self.name}_high`" if self.has_interval else ""
-        units = "units of what is asked for" if callable(self.units) else units_text(self.units)
+        units = "units of the measure" if callable(self.units) else units_text(self.units)
         text = re.sub(r"\{(\w+)\}", r"`\1`", self.text) + (f"; {self.more}" if self.more else "")
         return wrapped(f"- `{self.name}`{dims}{f' [{units}]' if units else ''}{ends}: {text}", "  ")
 

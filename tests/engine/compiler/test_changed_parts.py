@@ -22,7 +22,7 @@ from rigidmc.errors import PartError
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects.protocol import torque
 from rigidmc.physics.integrators.protocol import step
-from rigidmc.physics.observables.protocol import begin, level, update, value
+from rigidmc.physics.observables.compiled import begin, level, update, value
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 

@@ -12,7 +12,7 @@ import rigidmc as rm
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.observables import bind
-from rigidmc.physics.observables.protocol import value
+from rigidmc.physics.observables.compiled import value
 from tests.physics.observables.test_directions import ORBIT, RATE, directions
 
 FIELD = rm.UniformField((0.1, 0.0, 0.2), (0.3, 0.4, 1.2))

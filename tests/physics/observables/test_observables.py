@@ -10,6 +10,7 @@ from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects import Gravity
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import bare_observables, monitors, outputs, statistics
+from rigidmc.physics.observables.compiled import begin, update, value
 from rigidmc.physics.observables.protocol import (
     EnsembleObservable,
     Event,
@@ -18,10 +19,7 @@ from rigidmc.physics.observables.protocol import (
     NoiseSum,
     Observable,
     Running,
-    begin,
     size,
-    update,
-    value,
 )
 from tests.tools.kernels import one_step, prepare
 from tests.tools.reference import rotation

@@ -9,7 +9,7 @@ import rigidmc as rm
 from rigidmc.mechanics.inertia import quaternions
 from rigidmc.physics.dynamics.body_axes import with_axes
 from rigidmc.physics.dynamics.euler import MassProperties
-from rigidmc.physics.observables.protocol import observed
+from rigidmc.physics.observables.compiled import observed
 from rigidmc.protocols import described, described_attitude, observable, vertical
 from rigidmc.views.descriptions import body_lines, describe_body
 
