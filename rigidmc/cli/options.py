@@ -264,15 +264,6 @@ Plot = Annotated[
     str | None, typer.Option(metavar="FILE", help="Picture to write (.png, .pdf, .svg).")
 ]
 Force = Annotated[bool, typer.Option(help="Replace existing files, but never folders.")]
-Until = Annotated[
-    str | None,
-    typer.Option(
-        metavar="MEASURE",
-        help="Add members until the interval of a measure is this narrow, e.g."
-        ' "p(flips >= 1) +- 0.001", "mean(flip_wait) +- 1 %".',
-    ),
-]
-Most = Annotated[int, count_option("--most", 32, help="With --until: most members to run.")]
 Accept = Annotated[
     bool,
     typer.Option(
