@@ -22,6 +22,7 @@ from rigidmc.inputs.labelled import COLUMN, Wanted, has_dims, is_labelled, read_
 from rigidmc.inputs.measured import from_foreign, is_foreign, numbers_in
 from rigidmc.inputs.units import ARGUMENTS
 
+Array = NDArray[np.float64]
 _SEQUENCES = (list, tuple, range, deque, machine_array)
 _PLAIN_ARRAYS = (np.memmap, np.matrix, np.recarray)  # carry no more than the numbers of an ndarray
 _ELEMENTS = {
@@ -110,7 +111,7 @@ def floats(
     return array
 
 
-def member_vectors(value: Any, at: str, size: int) -> NDArray[np.float64]:
+def member_vectors(value: Any, at: str, size: int) -> Array:
     """Return vectors (..., size), perhaps one for each member; SceneError for anything else, and
     for an array (size, size) without labels, which reads two ways."""
     array = floats(value, at, size)
@@ -165,7 +166,7 @@ Shape = tuple[int, ...]
 
 def broadcast_arguments(
     *arguments: tuple[str, ArrayLike, int],
-) -> tuple[Shape, list[NDArray[np.float64]], NDArray[np.bool_]]:
+) -> tuple[Shape, list[Array], NDArray[np.bool_]]:
     """Return (leading shape, arrays (components, n), mask of bad rows (n,)) of the arguments of a
     closed form, with the components first, as `rigidmc.engine.formulas` requires.
 
@@ -202,7 +203,7 @@ def broadcast_arguments(
     return shape, good, bad
 
 
-def _bad_rows(columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
+def _bad_rows(columns: Mapping[str, Array]) -> NDArray[np.bool_]:
     """Return the mask of bad rows of {name: (components, n)}, see `broadcast_arguments`."""
     wrong = {
         name: ~(np.isfinite(x) & ((x > 0.0) if name == "moments" else True)).all(0)

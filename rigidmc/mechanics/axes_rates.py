@@ -1,9 +1,8 @@
 """Rates of the principal moments and axes of a tensor that changes."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rigidmc.inputs.arrays import Array
 
 
 def axes_rates(moments: Array, axes: Array, change: Array) -> tuple[Array, Array]:

@@ -14,15 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import unknown
-from rigidmc.inputs.arrays import floats
+from rigidmc.inputs.arrays import Array, floats
 from rigidmc.mechanics.euler_angles import SEQUENCES
 from rigidmc.mechanics.euler_rates import euler_rate_matrix
 from rigidmc.mechanics.rotation import hat, vee
 
 Potential = Callable[[NDArray[Any]], Any]
 Coordinates = str | Callable[[NDArray[Any]], ArrayLike]
-_Floats = NDArray[np.float64]
-
 STEP = 1e-30  # of a coordinate, or of an angle [rad]: its square is negligible compared with 1
 NAMED = (*SEQUENCES, "rotation_vector")
 _FREE = (
@@ -68,7 +66,7 @@ def rate_matrix(coordinates: Coordinates, q: ArrayLike) -> NDArray[Any]:
     return np.stack(columns, -1)
 
 
-def identity_residual(m: Callable[[NDArray[Any]], ArrayLike], q: ArrayLike) -> _Floats:
+def identity_residual(m: Callable[[NDArray[Any]], ArrayLike], q: ArrayLike) -> Array:
     """Return dM_is/dq_r - dM_ir/dq_s - eps_ijk M_js M_kr (..., 3, n, n), TdC (3.32).
 
     It is 0 for every M that belongs to coordinates.
@@ -80,11 +78,11 @@ def identity_residual(m: Callable[[NDArray[Any]], ArrayLike], q: ArrayLike) -> _
     epsilon = np.zeros((3, 3, 3))
     epsilon[[0, 1, 2], [1, 2, 0], [2, 0, 1]], epsilon[[0, 2, 1], [2, 1, 0], [1, 0, 2]] = 1.0, -1.0
     product = np.einsum("ijk,...js,...kr->...isr", epsilon, value, value)
-    residual: _Floats = slopes - np.swapaxes(slopes, -1, -2) - product
+    residual: Array = slopes - np.swapaxes(slopes, -1, -2) - product
     return residual
 
 
-def generalised_force(potential: Potential, coordinates: Coordinates, q: ArrayLike) -> _Floats:
+def generalised_force(potential: Potential, coordinates: Coordinates, q: ArrayLike) -> Array:
     """Return -dV/dq_r (..., n) of a potential V(A) at coordinates q."""
 
     def energy(x: NDArray[Any]) -> Any:
@@ -93,25 +91,25 @@ def generalised_force(potential: Potential, coordinates: Coordinates, q: ArrayLi
     return -np.stack(list(_slopes(energy, q, "a potential V(A)")), -1)
 
 
-def torque_of_force(coordinates: Coordinates, q: ArrayLike, force: ArrayLike) -> _Floats:
+def torque_of_force(coordinates: Coordinates, q: ArrayLike, force: ArrayLike) -> Array:
     """Return the body torque tau = (M^-1)^T F (..., 3) of generalised forces F (..., 3).
 
     TdC (3.33), (3.34).
     """
     m = rate_matrix(coordinates, q)
     column = floats(force, "force", 3)[..., None]
-    tau: _Floats = np.linalg.solve(np.swapaxes(m, -1, -2), column)[..., 0]
+    tau: Array = np.linalg.solve(np.swapaxes(m, -1, -2), column)[..., 0]
     return tau
 
 
-def force_of_torque(coordinates: Coordinates, q: ArrayLike, torque: ArrayLike) -> _Floats:
+def force_of_torque(coordinates: Coordinates, q: ArrayLike, torque: ArrayLike) -> Array:
     """Return the generalised forces F = M^T tau (..., n) of a body torque tau (..., 3)."""
     m = rate_matrix(coordinates, q)
-    force: _Floats = np.einsum("...ir,...i->...r", m, floats(torque, "torque", 3))
+    force: Array = np.einsum("...ir,...i->...r", m, floats(torque, "torque", 3))
     return force
 
 
-def torque_of_potential(potential: Potential, attitude: ArrayLike) -> _Floats:
+def torque_of_potential(potential: Potential, attitude: ArrayLike) -> Array:
     """Return the body torque (..., 3) [N m] of a potential, TdC (3.34).
 
     tau_k = -d/de V(A exp(e hat(e_k))) at e = 0
@@ -162,7 +160,7 @@ def total(*potentials: Potential) -> Potential:
 
 def equations_of_motion(
     coordinates: Coordinates, moments: ArrayLike, potential: Potential | None = None
-) -> Callable[[float, _Floats], _Floats]:
+) -> Callable[[float, Array], Array]:
     """Return rhs(t, y), y = (q, q'), for scipy's solve_ivp, for a body in three coordinates.
 
         q'' = M^-1 (I^-1 (L x omega + tau) - M' q'),   omega = M q',   L = I omega   (TdC (3.29),
@@ -174,7 +172,7 @@ def equations_of_motion(
     """
     moments = floats(moments, "moments", 3)
 
-    def rhs(t: float, y: _Floats) -> _Floats:
+    def rhs(t: float, y: Array) -> Array:
         q, rate = y[:3], y[3:]
         m = rate_matrix(coordinates, q)
         slope, omega = _along(coordinates, q, rate), m @ rate
@@ -185,7 +183,7 @@ def equations_of_motion(
     return rhs
 
 
-def _along(coordinates: Coordinates, q: _Floats, rate: _Floats) -> _Floats:
+def _along(coordinates: Coordinates, q: Array, rate: Array) -> Array:
     """Return dM/dt (3, n) along q'.
 
     The steps are relative to the fastest coordinate, and so independent of the unit of time. For
@@ -198,13 +196,13 @@ def _along(coordinates: Coordinates, q: _Floats, rate: _Floats) -> _Floats:
         return fastest * rate_matrix(coordinates, q + 1j * STEP * way).imag / STEP
     h = 1e-3
     near = [rate_matrix(coordinates, q + k * h * way) for k in (-2, -1, 1, 2)]
-    slope: _Floats = (8.0 * (near[2] - near[1]) - (near[3] - near[0])) * (fastest / (12.0 * h))
+    slope: Array = (8.0 * (near[2] - near[1]) - (near[3] - near[0])) * (fastest / (12.0 * h))
     return slope
 
 
 def _slopes(
     function: Callable[[NDArray[Any]], ArrayLike], q: ArrayLike, what: str
-) -> Iterator[_Floats]:
+) -> Iterator[Array]:
     """Yield the derivative of an array function in each coordinate.
 
     ValueError if a complex step does not differentiate the function.

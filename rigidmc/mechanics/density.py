@@ -4,15 +4,15 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rigidmc.errors import SceneError
-from rigidmc.inputs.arrays import floats
+from rigidmc.inputs.arrays import Array, floats
 
 
 def moments_of_density(
     density: float | Callable[..., ArrayLike], region: tuple[Any, ...], points: int
-) -> NDArray[np.float64]:
+) -> Array:
     """Return mass, three first and nine second moments (13,), TdC (3.17).
 
     A product Gauss-Legendre rule integrates them. density, region : see
@@ -38,7 +38,7 @@ def moments_of_density(
     return np.concatenate([[mass.sum()], place @ mass, ((place * mass) @ place.T).ravel()])
 
 
-def _nodes(region: tuple[Any, ...], points: int) -> tuple[NDArray[np.float64], ...]:
+def _nodes(region: tuple[Any, ...], points: int) -> tuple[Array, ...]:
     """Return (x, y, z, volume) of a product rule over a region, arrays of one shape."""
     word = region[0] if isinstance(region[0], str) else None
     if len(region) != {"box": 4, "cylinder": 3, None: 3}.get(word):
@@ -51,7 +51,7 @@ def _nodes(region: tuple[Any, ...], points: int) -> tuple[NDArray[np.float64], .
     # sin(pi t/2) smooths limits that meet like square roots: error for a ball 1e-14, not 3e-5
     node, weight = np.sin(0.5 * np.pi * node), 0.5 * np.pi * np.cos(0.5 * np.pi * node) * weight
 
-    def stretched(low: Any, high: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def stretched(low: Any, high: Any) -> tuple[Array, Array]:
         """Return (nodes, weights) from limits (...) to limits (...), along a new last axis."""
         low, high = floats(low, "body.region"), floats(high, "body.region")
         low, high = np.broadcast_arrays(low[..., None], high[..., None])

@@ -17,9 +17,9 @@ determined.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, nearest
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.functions import sincos
 
 PROPER = ("121", "131", "212", "232", "313", "323")
@@ -28,7 +28,6 @@ SEQUENCES = (*PROPER, *TAIT_BRYAN)
 TEXTBOOK = "313"  # z-x-z, TdC (3.36)
 LOCKED = 1e-15  # rad from gimbal lock, within the rounding of a quaternion
 _SCIPY = str.maketrans("XYZ", "123")
-_Floats = NDArray[np.float64]
 
 
 def check_sequence(sequence: Any, at: str = "sequence") -> str:
@@ -76,7 +75,7 @@ def angle_names(sequence: str = TEXTBOOK) -> tuple[str, str, str]:
 ANGLES = ("phi", "theta", "psi", "roll", "pitch", "yaw")  # all names of angles
 
 
-def quaternions_of_angles(sequence: str, first: Any, second: Any, third: Any) -> _Floats:
+def quaternions_of_angles(sequence: str, first: Any, second: Any, third: Any) -> Array:
     """Return quaternions (4, ...), components first, of three angles [rad] of a common shape."""
     i, j, k, sign = axes_of(sequence)
     if sequence in PROPER:
@@ -95,7 +94,7 @@ def quaternions_of_angles(sequence: str, first: Any, second: Any, third: Any) ->
     return np.stack(np.broadcast_arrays(*(parts[n] for n in range(4))))
 
 
-def angles_of_quaternions(sequence: str, q: Any) -> _Floats:
+def angles_of_quaternions(sequence: str, q: Any) -> Array:
     """Return the three angles (3, ...) [rad] of unit quaternions (4, ...), components first.
 
     The first and the third angle lie in (-pi, pi]. The angles reproduce the attitude to rounding

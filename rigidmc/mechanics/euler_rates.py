@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import warn
-from rigidmc.inputs.arrays import Shape, broadcast_arguments, check_rows, floats
+from rigidmc.inputs.arrays import Array, Shape, broadcast_arguments, check_rows, floats
 from rigidmc.inputs.measured import degrees_note
 from rigidmc.mechanics.euler_angles import LOCKED, PROPER, TEXTBOOK, axes_of, check_sequence
-
-_Floats = NDArray[np.float64]
 
 
 def euler_rate_matrix(angles: ArrayLike, sequence: str = TEXTBOOK) -> NDArray[Any]:
@@ -40,7 +38,7 @@ def euler_rate_matrix(angles: ArrayLike, sequence: str = TEXTBOOK) -> NDArray[An
     return np.stack(rows, -2)
 
 
-def _rows(angles: ArrayLike, name: str, values: ArrayLike) -> tuple[Shape, _Floats, _Floats]:
+def _rows(angles: ArrayLike, name: str, values: ArrayLike) -> tuple[Shape, Array, Array]:
     """Return (leading shape, angles (3, n), values (3, n)); SceneError, SceneWarning."""
     shape, (angles, values), _ = broadcast_arguments(("angles", angles, 3), (name, values, 3))
     if note := degrees_note(angles[1], "angles: a second angle of", 1):
@@ -48,9 +46,7 @@ def _rows(angles: ArrayLike, name: str, values: ArrayLike) -> tuple[Shape, _Floa
     return shape, angles, values
 
 
-def omega_from_euler_rates(
-    angles: ArrayLike, rates: ArrayLike, sequence: str = TEXTBOOK
-) -> _Floats:
+def omega_from_euler_rates(angles: ArrayLike, rates: ArrayLike, sequence: str = TEXTBOOK) -> Array:
     """Compute the angular velocity from Euler angles and their rates, TdC (3.37).
 
     For z-x-z::
@@ -97,11 +93,11 @@ def omega_from_euler_rates(
     """
     shape, angles, rates = _rows(angles, "rates", rates)
     rows = np.einsum("nij,jn->ni", euler_rate_matrix(angles.T, sequence), rates)
-    omega: _Floats = rows.reshape(*shape, 3)
+    omega: Array = rows.reshape(*shape, 3)
     return omega
 
 
-def euler_rates(angles: ArrayLike, omega: ArrayLike, sequence: str = TEXTBOOK) -> _Floats:
+def euler_rates(angles: ArrayLike, omega: ArrayLike, sequence: str = TEXTBOOK) -> Array:
     """Compute the rates of Euler angles from the angular velocity, TdC (3.38).
 
     Leading shapes broadcast.
@@ -163,8 +159,8 @@ def euler_rates(angles: ArrayLike, omega: ArrayLike, sequence: str = TEXTBOOK) -
 
 def kinetic_energy_of_euler_rates(
     moments: ArrayLike, angles: ArrayLike, rates: ArrayLike, sequence: str = TEXTBOOK
-) -> _Floats:
+) -> Array:
     """Return T = 1/2 sum I_i omega_i^2 (...) [J] of Euler angles and rates, TdC (3.39)."""
     omega = omega_from_euler_rates(angles, rates, sequence)
-    energy: _Floats = 0.5 * (floats(moments, "moments", 3) * omega**2).sum(-1)
+    energy: Array = 0.5 * (floats(moments, "moments", 3) * omega**2).sum(-1)
     return energy

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.engine.formulas import evaluate
 from rigidmc.errors import SceneError
-from rigidmc.inputs.arrays import Shape, broadcast_arguments, floats
+from rigidmc.inputs.arrays import Array, Shape, broadcast_arguments, floats
 from rigidmc.mechanics.free_orbit import FreeOrbit, FreeOrbitFormula, FreeStateFormula, Phase
 from rigidmc.mechanics.rotation import Attitude, quaternion
 
 
-def spread(shape: Shape, t: ArrayLike) -> tuple[Shape, NDArray[np.int64], NDArray[np.float64]]:
+def spread(shape: Shape, t: ArrayLike) -> tuple[Shape, NDArray[np.int64], Array]:
     """Return (shape, row, time): each body of a table at each time.
 
     shape : leading shape of the bodies, whose order is the order of the table's rows
@@ -48,9 +48,9 @@ class Motion(NamedTuple):
     The attitude takes body to space components.
     """
 
-    momentum: NDArray[np.float64]
-    omega: NDArray[np.float64]
-    attitude: NDArray[np.float64]
+    momentum: Array
+    omega: Array
+    attitude: Array
 
 
 class FreeMotionType(NamedTuple):
@@ -74,19 +74,19 @@ class FreeMotionType(NamedTuple):
 
     kind: NDArray[np.str_]
     axis: NDArray[np.int64]
-    m: NDArray[np.float64]
-    mc: NDArray[np.float64]
-    rate: NDArray[np.float64]
-    period: NDArray[np.float64]
-    flip_interval: NDArray[np.float64]
-    turn: NDArray[np.float64]
-    solid_angle: NDArray[np.float64]
-    phase: NDArray[np.float64]
+    m: Array
+    mc: Array
+    rate: Array
+    period: Array
+    flip_interval: Array
+    turn: Array
+    solid_angle: Array
+    phase: Array
 
 
 def _orbits(
     moments: ArrayLike, momentum: ArrayLike, attitude: Attitude
-) -> tuple[NDArray[np.float64], Shape, NDArray[np.bool_]]:
+) -> tuple[Array, Shape, NDArray[np.bool_]]:
     """Return (table of FreeOrbits, one row per top; leading shape; mask of bad rows)."""
     shape, arrays, bad = broadcast_arguments(
         ("moments", moments, 3), ("momentum", momentum, 3), ("attitude", quaternion(attitude), 4)

@@ -12,11 +12,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics import inertia
-
-Array = NDArray[np.float64]
 
 SLACK = 1e-9  # relative, as in `inertia.too_far`
 # {unit: (factor of lengths, factor of masses, decades by which it is rarer than others)}

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import SceneError
-from rigidmc.inputs.arrays import check_rows, floats
+from rigidmc.inputs.arrays import Array, check_rows, floats
 from rigidmc.inputs.labelled import Wanted
 from rigidmc.mechanics.axes_rates import axes_rates
 from rigidmc.physics.dynamics.dual_arrays import DualArray, as_array
@@ -28,7 +28,7 @@ def elements(tensor: Any) -> tuple[Any, ...]:
     return tuple(tensor[i][j] for i, j in zip(*_SIX, strict=True))
 
 
-def symmetric(six: Any) -> NDArray[np.float64]:
+def symmetric(six: Any) -> Array:
     """Return the tensors (n, 3, 3) with elements (6, n)."""
     xx, yy, zz, yz, zx, xy = six
     return np.stack([np.stack(row, -1) for row in ((xx, xy, zx), (xy, yy, yz), (zx, yz, zz))], -2)
@@ -71,14 +71,14 @@ def too_far(moments: Any, mass: Any, centre: Any) -> Any:
         return share > 1.0 + 1e-9
 
 
-def shift(r: NDArray[np.float64]) -> NDArray[np.float64]:
+def shift(r: Array) -> Array:
     """Return r^2 1 - r r^T (..., 3, 3) of vectors r (..., 3): the tensor of a unit mass at r."""
     square = np.einsum("...i,...i", r, r)[..., None, None]
-    tensor: NDArray[np.float64] = square * np.eye(3) - r[..., :, None] * r[..., None, :]
+    tensor: Array = square * np.eye(3) - r[..., :, None] * r[..., None, :]
     return tensor
 
 
-def of_particles(masses: ArrayLike, positions: ArrayLike) -> NDArray[np.float64]:
+def of_particles(masses: ArrayLike, positions: ArrayLike) -> Array:
     """Return I_ij = sum m (r^2 delta_ij - x_i x_j) (..., 3, 3), TdC (3.15).
 
     masses (..., N) [kg];  positions (..., N, 3) [m]. SceneError if their shapes do not fit.
@@ -90,11 +90,11 @@ def of_particles(masses: ArrayLike, positions: ArrayLike) -> NDArray[np.float64]
         count = masses.shape[-1] if masses.ndim else 1
         wanted = f"masses {masses.shape} need positions of shape (..., {count}, 3)"
         raise SceneError(f"{wanted}, not {positions.shape}", at="positions")
-    tensor: NDArray[np.float64] = np.einsum("...n,...nij->...ij", masses, shift(positions))
+    tensor: Array = np.einsum("...n,...nij->...ij", masses, shift(positions))
     return tensor
 
 
-def about_point(tensor: ArrayLike, mass: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
+def about_point(tensor: ArrayLike, mass: ArrayLike, offset: ArrayLike) -> Array:
     """Return the tensor about a point from the tensor about the centre of mass.
 
     TdC (3.26), (3.27):
@@ -107,7 +107,7 @@ def about_point(tensor: ArrayLike, mass: ArrayLike, offset: ArrayLike) -> NDArra
     return floats(tensor, "tensor") + _of_point_mass(mass, offset)
 
 
-def about_centre(tensor: ArrayLike, mass: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
+def about_centre(tensor: ArrayLike, mass: ArrayLike, offset: ArrayLike) -> Array:
     """Return the tensor about the centre of mass from the tensor about a point, TdC (3.28).
 
     The inverse of `about_point`.
@@ -115,25 +115,23 @@ def about_centre(tensor: ArrayLike, mass: ArrayLike, offset: ArrayLike) -> NDArr
     return floats(tensor, "tensor") - _of_point_mass(mass, offset)
 
 
-def _of_point_mass(mass: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
+def _of_point_mass(mass: ArrayLike, offset: ArrayLike) -> Array:
     """Return m (d^2 1 - d d^T) (..., 3, 3)."""
-    tensor: NDArray[np.float64] = floats(mass, "mass")[..., None, None] * shift(
-        floats(offset, "offset", 3)
-    )
+    tensor: Array = floats(mass, "mass")[..., None, None] * shift(floats(offset, "offset", 3))
     return tensor
 
 
-def angular_momentum(tensor: ArrayLike, omega: ArrayLike) -> NDArray[np.float64]:
+def angular_momentum(tensor: ArrayLike, omega: ArrayLike) -> Array:
     """Return L = I omega (..., 3), TdC (3.25), parallel to omega only on a principal axis."""
     tensor, omega = floats(tensor, "tensor", 3), floats(omega, "omega", 3)
-    momentum: NDArray[np.float64] = np.einsum("...ij,...j->...i", tensor, omega)
+    momentum: Array = np.einsum("...ij,...j->...i", tensor, omega)
     return momentum
 
 
-def kinetic_energy(tensor: ArrayLike, omega: ArrayLike) -> NDArray[np.float64]:
+def kinetic_energy(tensor: ArrayLike, omega: ArrayLike) -> Array:
     """Return T = 1/2 omega I omega (...), TdC (3.16)."""
     product = floats(omega, "omega") * angular_momentum(tensor, omega)
-    energy: NDArray[np.float64] = 0.5 * product.sum(-1)
+    energy: Array = 0.5 * product.sum(-1)
     return energy
 
 
@@ -152,7 +150,7 @@ def survives(axis: ArrayLike, offset: ArrayLike, relative: float = 1e-12) -> NDA
     return either
 
 
-def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def principal_axes(tensor: ArrayLike) -> tuple[Array, Array]:
     """Return (moments (..., 3), axes B (..., 3, 3)) of inertia tensors I (..., 3, 3).
 
     TdC (3.19)-(3.23):
@@ -203,7 +201,7 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
     return values[:3].T.reshape(*shape, 3), axes.reshape(*shape, 3, 3)
 
 
-def skew_of(tensors: NDArray[np.float64]) -> NDArray[np.float64]:
+def skew_of(tensors: Array) -> Array:
     """Return |I_ij - I_ji| of tensors (n, 3, 3), relative to the largest element of each."""
     size = np.abs(tensors).max((1, 2))
     with np.errstate(invalid="ignore"):
@@ -220,7 +218,7 @@ def _principal_axes_with_tangents(tensor: DualArray) -> tuple[Any, Any]:
     return DualArray(moments, moving), DualArray(axes, turning)
 
 
-def why_impossible(moments: NDArray[np.float64]) -> str:
+def why_impossible(moments: Array) -> str:
     """Return why no rotating body can have these moments (3,)."""
     example = ", ".join(f"{m:.6g}" for m in moments)
     low, middle, high = np.sort(moments)
@@ -239,17 +237,17 @@ def why_impossible(moments: NDArray[np.float64]) -> str:
     )
 
 
-def _principal(six: NDArray[np.float64]) -> NDArray[np.float64]:
+def _principal(six: Array) -> Array:
     """Return the 12 values of `Principal` (12, n) for tensors with the elements (n, 6)."""
     if len(six) == 1:  # does not import the compiler
         return np.array([Principal(*t).values() for t in six.tolist()]).T
     from rigidmc.engine.formulas import evaluate
 
-    values: NDArray[np.float64] = evaluate(Principal, 12, six.T)
+    values: Array = evaluate(Principal, 12, six.T)
     return values
 
 
-def growth_rate(moments: ArrayLike) -> NDArray[np.float64]:
+def growth_rate(moments: ArrayLike) -> Array:
     """Return lambda/omega (...), the growth rate of a disturbed spin about the middle axis.
 
         lambda = omega sqrt((I2 - I1)(I3 - I2)/(I1 I3)),   I1 <= I2 <= I3
@@ -257,11 +255,8 @@ def growth_rate(moments: ArrayLike) -> NDArray[np.float64]:
     moments (..., 3) in any order. The rate is 0 if two moments are equal.
     """
     one, two, three = np.moveaxis(np.sort(floats(moments, "moments", 3), axis=-1), -1, 0)
-    rate: NDArray[np.float64] = np.sqrt((two - one) / one * ((three - two) / three))
+    rate: Array = np.sqrt((two - one) / one * ((three - two) / three))
     return rate
-
-
-Array = NDArray[np.float64]
 
 
 def _names() -> tuple[tuple[tuple[int, ...], tuple[float, ...]], ...]:

@@ -8,15 +8,13 @@ have components last and broadcast.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rigidmc.errors import SceneError
-from rigidmc.inputs.arrays import floats
+from rigidmc.inputs.arrays import Array, floats
 
 
-def kovalevskaya(
-    moments: ArrayLike, c: ArrayLike, momentum: ArrayLike, up: ArrayLike
-) -> NDArray[np.float64]:
+def kovalevskaya(moments: ArrayLike, c: ArrayLike, momentum: ArrayLike, up: ArrayLike) -> Array:
     """Return Kovalevskaya's constant [1/s^4] of a top with I_1 = I_2 = 2 I_3 and c_3 = 0.
 
         |(omega_1 + i omega_2)^2 - (c_1 + i c_2)(u_1 + i u_2)/I_3|^2
@@ -33,13 +31,13 @@ def kovalevskaya(
     omega = momentum / moments
     spin = (omega[..., 0] + 1j * omega[..., 1]) ** 2
     pull = (c[..., 0] + 1j * c[..., 1]) * (up[..., 0] + 1j * up[..., 1]) / moments[..., 2]
-    constant: NDArray[np.float64] = np.abs(spin - pull) ** 2
+    constant: Array = np.abs(spin - pull) ** 2
     return constant
 
 
 def goryachev_chaplygin(
     moments: ArrayLike, c: ArrayLike, momentum: ArrayLike, up: ArrayLike
-) -> NDArray[np.float64]:
+) -> Array:
     """Return Goryachev and Chaplygin's constant of a top with I_1 = I_2 = 4 I_3 and c_3 = 0.
 
         L_3 (L_1^2 + L_2^2) - I_1 (c_1 L_1 + c_2 L_2) u_3
@@ -56,7 +54,7 @@ def goryachev_chaplygin(
     rule = "Goryachev and Chaplygin's constant needs L_z = L.u = 0"
     _check_zero((l * up).sum(-1), l, "momentum", rule)
     pull = moments[..., 0] * (c[..., 0] * l[..., 0] + c[..., 1] * l[..., 1]) * up[..., 2]
-    constant: NDArray[np.float64] = l[..., 2] * (l[..., 0] ** 2 + l[..., 1] ** 2) - pull
+    constant: Array = l[..., 2] * (l[..., 0] ** 2 + l[..., 1] ** 2) - pull
     return constant
 
 
@@ -67,10 +65,10 @@ class SteadyPrecession(NamedTuple):
         centre of mass;  rate : nu [rad/s];  omega [rad/s], up : (..., 3)
     """
 
-    centre: NDArray[np.float64]
-    rate: NDArray[np.float64]
-    omega: NDArray[np.float64]
-    up: NDArray[np.float64]
+    centre: Array
+    rate: Array
+    omega: Array
+    up: Array
 
 
 def grioli(moments: ArrayLike, weight: ArrayLike, t: ArrayLike) -> SteadyPrecession:
@@ -111,9 +109,7 @@ def grioli(moments: ArrayLike, weight: ArrayLike, t: ArrayLike) -> SteadyPrecess
     return SteadyPrecession(e, rate, omega, up)
 
 
-def staude(
-    moments: ArrayLike, c: ArrayLike, up: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def staude(moments: ArrayLike, c: ArrayLike, up: ArrayLike) -> tuple[Array, Array]:
     """Return (omega^2 [rad^2/s^2], defect) of the permanent rotation about a vertical body axis.
 
     A top rotates steadily about its vertical u = `up` iff I u, c and u lie in a plane:
@@ -137,18 +133,14 @@ def staude(
         return square, np.abs((up * np.cross(inertia, c)).sum(-1)) / size
 
 
-def _check_ratio(
-    moments: NDArray[np.float64], ratio: tuple[float, float, float], rule: str
-) -> None:
+def _check_ratio(moments: Array, ratio: tuple[float, float, float], rule: str) -> None:
     """Raise SceneError for moments not in the ratio (a, b, 1)."""
     wanted = moments[..., 2:] * np.array(ratio)
     if not np.all(np.abs(moments - wanted) <= 1e-12 * wanted):
         raise SceneError(rule, at="moments", value=np.asarray(moments).tolist())
 
 
-def _check_zero(
-    part: NDArray[np.float64], vector: NDArray[np.float64], key: str, rule: str
-) -> None:
+def _check_zero(part: Array, vector: Array, key: str, rule: str) -> None:
     """Raise SceneError for a part that exceeds 1e-9 of the vector `whole`."""
     if not np.all(np.abs(part) <= 1e-9 * np.linalg.norm(vector, axis=-1)):
         raise SceneError(rule, at=key, value=np.asarray(vector).tolist())

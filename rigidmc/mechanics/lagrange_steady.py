@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import warn
-from rigidmc.inputs.arrays import Shape, broadcast_arguments, check_rows, warn_of_rows
+from rigidmc.inputs.arrays import Array, Shape, broadcast_arguments, check_rows, warn_of_rows
 from rigidmc.inputs.measured import degrees_note
 
-_Floats = NDArray[np.float64]
 ROUNDED = 2.0 * np.finfo(float).eps  # relative rounding of an angle, or of a product of 4 numbers
 
 
-def unequal_moments(first: _Floats, second: _Floats, axis: int = 3) -> NDArray[np.bool_]:
+def unequal_moments(first: Array, second: Array, axis: int = 3) -> NDArray[np.bool_]:
     """Return the mask of tops whose two moments across their `axis` differ.
 
     SceneError if all are unequal, a SceneWarning with their count if some are.
@@ -35,7 +34,7 @@ def unequal_moments(first: _Floats, second: _Floats, axis: int = 3) -> NDArray[n
     return unequal
 
 
-def _arguments(moments: ArrayLike, *scalars: tuple[str, ArrayLike]) -> tuple[Shape, list[_Floats]]:
+def _arguments(moments: ArrayLike, *scalars: tuple[str, ArrayLike]) -> tuple[Shape, list[Array]]:
     """Return (leading shape, I_1 = I_2, I_3 and the scalars as arrays (n,)) of tops; nan where
     I_1 and I_2 differ or an argument is bad. A SceneWarning for a theta that looks like degrees."""
     named = [(name, value, 0) for name, value in scalars]
@@ -49,7 +48,7 @@ def _arguments(moments: ArrayLike, *scalars: tuple[str, ArrayLike]) -> tuple[Sha
 
 def effective_potential(
     moments: ArrayLike, weight: ArrayLike, p_phi: ArrayLike, p_psi: ArrayLike, theta: ArrayLike
-) -> _Floats:
+) -> Array:
     """Compute the potential in which theta moves, TdC (3.42).
 
     ::
@@ -105,17 +104,17 @@ def effective_potential(
         down = np.where(minus == 0.0, 0.0, minus * c / s)
         across = down + np.where(plus == 0.0, 0.0, plus * s / c)
     kinetic = 0.5 * np.square(across) / first + 0.5 * np.square(p_psi) / third
-    potential: _Floats = kinetic + weight * np.cos(theta)
+    potential: Array = kinetic + weight * np.cos(theta)
     return potential.reshape(shape)[()]
 
 
-def _half_angle(value: _Floats, theta: _Floats) -> _Floats:
+def _half_angle(value: Array, theta: Array) -> Array:
     """Return the sine or cosine of theta/2, 0 where it is as small as the rounding of theta."""
     # the float nearest to pi is 1e-16 away from the pole
     return np.where(np.abs(value) <= ROUNDED * np.abs(theta), 0.0, value)
 
 
-def _cosine(theta: _Floats) -> _Floats:
+def _cosine(theta: Array) -> Array:
     """Return cos theta, 0 for a level axis."""
     cosine = np.cos(theta)
     # the cosine of pi/2 is 6e-17, and the cosine of an angle from a quaternion has errors of 2e-16
@@ -125,8 +124,8 @@ def _cosine(theta: _Floats) -> _Floats:
 class SteadyPrecession(NamedTuple):
     """The two rates phi' [rad/s] of a precession without nutation."""
 
-    slow: NDArray[np.float64]
-    fast: NDArray[np.float64]
+    slow: Array
+    fast: Array
 
 
 def steady_precession(
@@ -198,12 +197,12 @@ def steady_precession(
     return SteadyPrecession(*(x.reshape(shape)[()] for x in (slow, fast)))
 
 
-def _root(square: _Floats, least: _Floats) -> _Floats:
+def _root(square: Array, least: Array) -> Array:
     """Return sqrt(square - least), 0 where the two are equal to rounding."""
     return np.sqrt(np.where(np.abs(square - least) <= 4.0 * ROUNDED * square, 0.0, square - least))
 
 
-def least_spin(moments: ArrayLike, weight: ArrayLike, theta: ArrayLike = 0.0) -> _Floats:
+def least_spin(moments: ArrayLike, weight: ArrayLike, theta: ArrayLike = 0.0) -> Array:
     """Compute the least spin at which a heavy symmetric top precesses without nutation.
 
     At theta = 0 it is the spin above which an upright top sleeps. For k cos theta > 0::
@@ -246,11 +245,11 @@ def least_spin(moments: ArrayLike, weight: ArrayLike, theta: ArrayLike = 0.0) ->
     """
     shape, (first, third, weight, theta) = _arguments(moments, ("weight", weight), ("theta", theta))
     rise = weight * _cosine(theta)
-    spin: _Floats = 2.0 * np.sqrt(first * np.maximum(rise, 0.0)) / third
+    spin: Array = 2.0 * np.sqrt(first * np.maximum(rise, 0.0)) / third
     return spin.reshape(shape)[()]
 
 
-def tilt_growth(moments: ArrayLike, weight: ArrayLike, omega3: ArrayLike) -> _Floats:
+def tilt_growth(moments: ArrayLike, weight: ArrayLike, omega3: ArrayLike) -> Array:
     """Compute the growth rate of a small tilt of an upright top.
 
     ::
@@ -293,5 +292,5 @@ def tilt_growth(moments: ArrayLike, weight: ArrayLike, omega3: ArrayLike) -> _Fl
         moments, ("weight", weight), ("omega3", omega3)
     )
     least, square = 4.0 * first * weight, (third * omega3) ** 2
-    rate: _Floats = _root(np.maximum(least, square), square) / (2.0 * first)
+    rate: Array = _root(np.maximum(least, square), square) / (2.0 * first)
     return rate.reshape(shape)[()]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.engine.formulas import evaluate
-from rigidmc.inputs.arrays import Shape, broadcast_arguments, floats
+from rigidmc.inputs.arrays import Array, Shape, broadcast_arguments, floats
 from rigidmc.mechanics.free_top import Motion, spread
 from rigidmc.mechanics.lagrange_limits import TINY
 from rigidmc.mechanics.lagrange_orbit import (
@@ -18,8 +18,6 @@ from rigidmc.mechanics.lagrange_steady import unequal_moments
 from rigidmc.mechanics.rotation import Attitude, quaternion
 from rigidmc.physics.dynamics.quaternions import conjugate, multiply
 
-_Floats = NDArray[np.float64]
-
 # smaller relative widths and rates count as 0 in the classification of a motion
 SAME = 1e-12
 # {symmetry axis: rotation to body axes with this axis third}
@@ -30,22 +28,22 @@ class NutationRange(NamedTuple):
     """Classification of a Lagrange top's motion; `analyse_lagrange_top` describes the fields."""
 
     kind: NDArray[np.str_]
-    p_phi: NDArray[np.float64]
-    p_psi: NDArray[np.float64]
-    energy: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    m: NDArray[np.float64]
-    mc: NDArray[np.float64]
-    rate: NDArray[np.float64]
-    period: NDArray[np.float64]
-    precession: NDArray[np.float64]
-    spin: NDArray[np.float64]
+    p_phi: Array
+    p_psi: Array
+    energy: Array
+    low: Array
+    high: Array
+    m: Array
+    mc: Array
+    rate: Array
+    period: Array
+    precession: Array
+    spin: Array
 
 
 def with_axis_third(
-    axis: int, moments: _Floats, momentum: _Floats, attitude: _Floats
-) -> tuple[_Floats, _Floats, _Floats]:
+    axis: int, moments: Array, momentum: Array, attitude: Array
+) -> tuple[Array, Array, Array]:
     """Relabel the body axes cyclically so that `axis` becomes the third.
 
     moments, momentum (3, ...), attitude (4, ...)
@@ -56,7 +54,7 @@ def with_axis_third(
 
 def _orbits(
     moments: ArrayLike, weight: ArrayLike, momentum: ArrayLike, attitude: Attitude, axis: int
-) -> tuple[_Floats, _Floats, Shape, NDArray[np.bool_], NDArray[np.bool_]]:
+) -> tuple[Array, Array, Shape, NDArray[np.bool_], NDArray[np.bool_]]:
     """Return (table, columns, leading shape, bad, below).
 
     table : LagrangeOrbits, one row per top;  columns : A, C, k, L, attitude (10, n);  bad : mask of
@@ -212,7 +210,7 @@ def analyse_lagrange_top(
     return NutationRange._make(np.reshape(v, shape) for v in nutation)
 
 
-def _nutation(o: Any, columns: _Floats, bad: NDArray[np.bool_]) -> NutationRange:
+def _nutation(o: Any, columns: Array, bad: NDArray[np.bool_]) -> NutationRange:
     """Return the NutationRange (n,) of each LagrangeOrbit in o, whose weights are not negative.
 
     columns : A, C, k, L, attitude (10, n);  bad : mask of impossible tops
@@ -245,7 +243,7 @@ def _turned_back(nutation: NutationRange, below: NDArray[np.bool_]) -> NutationR
     )
 
 
-def _kinds(o: Any, columns: _Floats, bad: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> Any:
+def _kinds(o: Any, columns: Array, bad: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> Any:
     """Return the kind of motion, as named by `analyse_lagrange_top`, of each LagrangeOrbit in o.
 
     columns : A, C, k and L first;  fixed : whether the axis keeps its angle from the vertical
@@ -272,7 +270,7 @@ def _kinds(o: Any, columns: _Floats, bad: NDArray[np.bool_], fixed: NDArray[np.b
     return np.select(list(kinds.values()), list(kinds), "monotone precession")
 
 
-def _turns_of_a_period(o: Any, period: _Floats) -> tuple[_Floats, _Floats]:
+def _turns_of_a_period(o: Any, period: Array) -> tuple[Array, Array]:
     """Return (precession, spin), the changes of phi and psi in a period [rad]; nan without one."""
     plus = np.where(
         o.direct == 1.0, 2.0 * (o.quarter * o.h_s / o.h_c - o.plus_all), np.pi + 2.0 * o.plus_all

@@ -17,8 +17,8 @@ arithmetic, so that no bit depends on a linear-algebra library.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.dual_arrays import DualArray, square_root
 from rigidmc.physics.dynamics.functions import exponential_of, logarithm_of
 
@@ -77,7 +77,7 @@ def _second(parameters: Sequence[float]) -> tuple[float, ...]:
     return half - xx, half - yy, half - zz, -yz, -zx, -xy
 
 
-def parameters_of(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+def parameters_of(numbers: Array) -> Array:
     """Return the parameters (10, n) of bodies with these numbers (10, n)."""
     d1, d2, d3, n23, n13, n12, x, y, z, logarithm = numbers
     n11, n22, n33, mass = (exponential_of(v) for v in (d1, d2, d3, logarithm))

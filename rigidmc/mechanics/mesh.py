@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rigidmc.errors import FileError, SceneError
 from rigidmc.files.reading import load_mesh, refuse_large_mesh
 from rigidmc.files.trial import refuse_unreadable
+from rigidmc.inputs.arrays import Array
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio, odd
 
@@ -28,9 +29,7 @@ class Mesh(Protocol):
     faces: Any
 
 
-def load(
-    path: "str | os.PathLike[str] | Mesh", scale: float = 1.0, closed: bool = True
-) -> NDArray[np.float64]:
+def load(path: "str | os.PathLike[str] | Mesh", scale: float = 1.0, closed: bool = True) -> Array:
     """Return the triangles (n, 3, 3) [m] of a mesh file or a trimesh.Trimesh.
 
     scale : metres per unit of the file, e.g. 0.001 for millimetres, the unit of most STL files
@@ -60,7 +59,7 @@ def load(
     return _triangles(mesh, name, scale, closed)
 
 
-def _triangles(mesh: Mesh, name: str, scale: float, closed: bool) -> NDArray[np.float64]:
+def _triangles(mesh: Mesh, name: str, scale: float, closed: bool) -> Array:
     """Return the checked triangles (n, 3, 3) of a mesh."""
     if not len(mesh.faces):
         raise SceneError("has no triangles", at="mesh", value=name)
@@ -80,11 +79,11 @@ def _triangles(mesh: Mesh, name: str, scale: float, closed: bool) -> NDArray[np.
         raise SceneError("has no triangles with an area", at="mesh", value=name)
     if closed and (faults := open_edges(faces)):
         raise SceneError(_cure(faults, vertices, faces), at="mesh", value=name)
-    triangles: NDArray[np.float64] = (scale * vertices)[faces]
+    triangles: Array = (scale * vertices)[faces]
     return triangles
 
 
-def _refuse_infinite(vertices: NDArray[np.float64], name: str) -> None:
+def _refuse_infinite(vertices: Array, name: str) -> None:
     """Raise SceneError that counts vertices with coordinates that are NaN or infinite."""
     bad = ~np.isfinite(vertices).all(1)
     if not bad.any():
@@ -98,7 +97,7 @@ def _refuse_infinite(vertices: NDArray[np.float64], name: str) -> None:
     raise SceneError(rule, at="mesh", value=name)
 
 
-def first_vertices(vertices: NDArray[np.float64]) -> NDArray[np.int64]:
+def first_vertices(vertices: Array) -> NDArray[np.int64]:
     """Return for each of the vertices (n, 3) the index (n,) of the first one equal to it.
 
     An STL file repeats a vertex for each of its triangles. Only bitwise equal vertices are merged:
@@ -150,7 +149,7 @@ def open_edges(faces: ArrayLike) -> str:
 _WELDS = (1e-6, 1e-5, 1e-4)  # relative to the size of the mesh
 
 
-def _cure(faults: str, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> str:
+def _cure(faults: str, vertices: Array, faces: NDArray[np.int64]) -> str:
     """Return the rule that a mesh is not closed, and what to do next."""
     other = (
         'solid = "hull" takes its convex hull, and solid = "shell" a thin sheet of the given mass'
@@ -171,9 +170,7 @@ def _cure(faults: str, vertices: NDArray[np.float64], faces: NDArray[np.int64]) 
     )
 
 
-def _welded(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], distance: float
-) -> NDArray[np.int64]:
+def _welded(vertices: Array, faces: NDArray[np.int64], distance: float) -> NDArray[np.int64]:
     """Return the faces after merging vertices that round to the same multiple of a distance,
     without those that have lost their area."""
     _, index = np.unique(np.round(vertices / distance), axis=0, return_inverse=True)
@@ -183,7 +180,7 @@ def _welded(
     return np.asarray(merged[apart])
 
 
-def six_volumes(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+def six_volumes(triangles: Array) -> Array:
     """Return six times the signed volumes (n,) of the tetrahedra from the first vertex to the
     triangles (n, 3, 3)."""
     volumes = np.empty(len(triangles))
@@ -200,13 +197,13 @@ def _parts(count: int) -> Iterator[slice]:
         yield slice(start, start + 2**18)
 
 
-def faced_outward(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
+def faced_outward(triangles: Array) -> tuple[Array, bool]:
     """Return closed triangles (n, 3, 3) wound to face outward, and whether all were reversed."""
     is_inward = six_volumes(triangles).sum() < 0.0
     return (triangles[:, ::-1], True) if is_inward else (triangles, False)
 
 
-def convex_hull(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+def convex_hull(triangles: Array) -> Array:
     """Return the triangles (n, 3, 3) of the convex hull, facing outward; SceneError if it is
     flat."""
     from scipy.spatial import ConvexHull, QhullError
@@ -217,16 +214,14 @@ def convex_hull(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     except QhullError:
         rule = "is flat: its convex hull has no volume"
         raise SceneError(rule, at="mesh") from None
-    faces: NDArray[np.float64] = points[hull.simplices]
+    faces: Array = points[hull.simplices]
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     inward = (normals * hull.equations[:, :3]).sum(1) < 0.0
     faces[inward] = faces[inward, ::-1]
     return faces
 
 
-def shell_properties(
-    triangles: NDArray[np.float64],
-) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+def shell_properties(triangles: Array) -> tuple[float, Array, Array]:
     """Return (area [m2], centroid (3,) [m], tensor (3, 3) about the origin per kg/m2) of a thin
     sheet.
 
@@ -245,9 +240,7 @@ def shell_properties(
     return area, areas @ middle / (3.0 * area), np.trace(second) * np.eye(3) - second
 
 
-def mass_properties(
-    triangles: NDArray[np.float64], density: float
-) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+def mass_properties(triangles: Array, density: float) -> tuple[float, Array, Array]:
     """Return (mass [kg], centre of mass (3,) [m], tensor (3, 3) about the origin), TdC (3.17).
 
     triangles (n, 3, 3) [m] that enclose the volume;  density [kg/m^3]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import SceneError, warn
-from rigidmc.inputs.arrays import check_rows, floats
+from rigidmc.inputs.arrays import Array, check_rows, floats
 from rigidmc.inputs.labelled import Wanted
 from rigidmc.inputs.measured import euler_degrees_note, is_foreign, numbers_in
 from rigidmc.mechanics.euler_angles import (
@@ -27,8 +27,7 @@ from rigidmc.physics.dynamics.functions import sincos
 from rigidmc.physics.dynamics.quaternions import multiply
 
 _EYE = np.eye(3)
-_Floats = NDArray[np.float64]
-_Numbers = float | _Floats
+_Numbers = float | Array
 
 
 @runtime_checkable
@@ -41,7 +40,7 @@ class Rotations(Protocol):
 Attitude = ArrayLike | Rotations
 
 
-def quaternion(attitude: Attitude) -> _Floats:
+def quaternion(attitude: Attitude) -> Array:
     """Return the unit quaternions (..., 4) of an attitude; three numbers are Euler angles z-x-z.
 
     SceneError for a wrong shape, a norm of 0, or a matrix that is not a rotation (with its
@@ -81,7 +80,7 @@ def rotation(attitude: Attitude) -> Any:
     return Rotation.from_quat(quaternion(attitude), scalar_first=True)
 
 
-def matrix(attitude: Attitude) -> _Floats:
+def matrix(attitude: Attitude) -> Array:
     """Return the matrices A (..., 3, 3), body to space, of an attitude, TdC (3.1)."""
     w, x, y, z = np.moveaxis(quaternion(attitude), -1, 0)
     rows = (
@@ -92,7 +91,7 @@ def matrix(attitude: Attitude) -> _Floats:
     return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
-def quaternion_from_matrix(matrix: ArrayLike, at: str = "matrix") -> _Floats:
+def quaternion_from_matrix(matrix: ArrayLike, at: str = "matrix") -> Array:
     """Return the quaternions (..., 4) of rotation matrices (..., 3, 3).
 
     A matrix is bad if A A^T differs from 1 by more than 1e-9, or if its determinant is negative.
@@ -120,7 +119,7 @@ def quaternion_from_matrix(matrix: ArrayLike, at: str = "matrix") -> _Floats:
     return q.reshape(*array.shape[:-2], 4)
 
 
-def quaternion_from_euler(phi: _Numbers, theta: _Numbers, psi: _Numbers) -> _Floats:
+def quaternion_from_euler(phi: _Numbers, theta: _Numbers, psi: _Numbers) -> Array:
     """Return quaternions (4, ...), components FIRST, of A = Rz(phi) Rx(theta) Rz(psi), TdC (3.36).
 
     The angles [rad] have any common shape.
@@ -132,7 +131,7 @@ def quaternion_from_euler(phi: _Numbers, theta: _Numbers, psi: _Numbers) -> _Flo
     return np.stack([c * cos_plus, s * cos_minus, s * sin_minus, c * sin_plus])
 
 
-def from_euler(angles: ArrayLike, sequence: str = TEXTBOOK) -> _Floats:
+def from_euler(angles: ArrayLike, sequence: str = TEXTBOOK) -> Array:
     """Return the quaternions (..., 4) of Euler angles (..., 3) [rad], in order of the rotations.
 
     sequence : of `rigidmc.mechanics.euler_angles`; "313" is A = Rz(phi) Rx(theta) Rz(psi),
@@ -145,7 +144,7 @@ def from_euler(angles: ArrayLike, sequence: str = TEXTBOOK) -> _Floats:
     return np.moveaxis(quaternions_of_angles(sequence, phi, theta, psi), 0, -1)
 
 
-def euler(attitude: Attitude, sequence: str = TEXTBOOK) -> _Floats:
+def euler(attitude: Attitude, sequence: str = TEXTBOOK) -> Array:
     """Return the Euler angles (..., 3) [rad] of an attitude, in order of the rotations.
 
     sequence : as for `from_euler`
@@ -166,7 +165,7 @@ def euler(attitude: Attitude, sequence: str = TEXTBOOK) -> _Floats:
     return np.stack([wrapped(plus + minus), theta, wrapped(plus - minus)], -1)
 
 
-def from_rotation_vector(vector: ArrayLike) -> _Floats:
+def from_rotation_vector(vector: ArrayLike) -> Array:
     """Return the quaternions (..., 4) of rotation vectors (..., 3) [rad], whose length is the
     angle."""
     v = floats(vector, "vector", 3)
@@ -174,7 +173,7 @@ def from_rotation_vector(vector: ArrayLike) -> _Floats:
     return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * v], -1)
 
 
-def rotation_vector(attitude: Attitude) -> _Floats:
+def rotation_vector(attitude: Attitude) -> Array:
     """Return the rotation vectors (..., 3) [rad] of an attitude, of length 0 to pi."""
     q = quaternion(attitude)
     q = np.where(q[..., :1] < 0.0, -q, q)
@@ -184,41 +183,41 @@ def rotation_vector(attitude: Attitude) -> _Floats:
     return np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0), 2.0) * q[..., 1:]
 
 
-def to_space(attitude: Attitude, vector: ArrayLike) -> _Floats:
+def to_space(attitude: Attitude, vector: ArrayLike) -> Array:
     """Return space components x = A x' (..., 3) of vectors in body components x', TdC (3.3)."""
     vector = floats(vector, "vector", 3)
-    components: _Floats = np.einsum("...ij,...j->...i", matrix(attitude), vector)
+    components: Array = np.einsum("...ij,...j->...i", matrix(attitude), vector)
     return components
 
 
-def to_body(attitude: Attitude, vector: ArrayLike) -> _Floats:
+def to_body(attitude: Attitude, vector: ArrayLike) -> Array:
     """Return body components x' = A^T x (..., 3) of vectors in space components x.
 
     TdC (3.4), (3.5).
     """
     vector = floats(vector, "vector", 3)
-    components: _Floats = np.einsum("...ji,...j->...i", matrix(attitude), vector)
+    components: Array = np.einsum("...ji,...j->...i", matrix(attitude), vector)
     return components
 
 
-def product(p: ArrayLike, q: ArrayLike) -> _Floats:
+def product(p: ArrayLike, q: ArrayLike) -> Array:
     """Return Hamilton products p q (..., 4): the rotation q first, then p."""
     p, q = np.moveaxis(floats(p, "p", 4), -1, 0), np.moveaxis(floats(q, "q", 4), -1, 0)
     return np.stack(multiply(p, q), -1)
 
 
-def attitude_error(p: Attitude, q: Attitude) -> _Floats:
+def attitude_error(p: Attitude, q: Attitude) -> Array:
     """Return the angle (...) [rad] between two attitudes.
 
     Uses 4 arcsin(|p -+ q|/2), not arccos |p.q|, which loses half the digits.
     """
     p, q = quaternion(p), quaternion(q)
     chord = np.minimum(np.linalg.norm(p - q, axis=-1), np.linalg.norm(p + q, axis=-1))
-    angle: _Floats = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
+    angle: Array = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
     return angle
 
 
-def angular_velocity(matrix: _Floats, rate: _Floats) -> _Floats:
+def angular_velocity(matrix: Array, rate: Array) -> Array:
     """Return omega (..., 3) [rad/s] of A (..., 3, 3) and dA/dt from hat(omega) = A^T dA/dt.
 
     TdC (3.7)-(3.9); TdC's A'^T A is the transpose of this. Only the antisymmetric part counts: the
@@ -227,14 +226,14 @@ def angular_velocity(matrix: _Floats, rate: _Floats) -> _Floats:
     return vee(np.swapaxes(matrix, -1, -2) @ rate)
 
 
-def angular_velocity_space(matrix: _Floats, rate: _Floats) -> _Floats:
+def angular_velocity_space(matrix: Array, rate: Array) -> Array:
     """Return omega (..., 3) [rad/s] in space components: hat(omega_space) = dA/dt A^T."""
     return vee(rate @ np.swapaxes(matrix, -1, -2))
 
 
 def angular_velocity_of_series(
     t: ArrayLike, attitude: Attitude, space: bool = False, points: int = 7
-) -> _Floats:
+) -> Array:
     """Return omega (n, ..., 3) [rad/s] at the times t (n,) of sampled attitudes (n, ...).
 
     The components are body components unless `space`. At each time, the neighbouring attitudes
@@ -262,7 +261,7 @@ def angular_velocity_of_series(
     weights = np.linalg.solve(powers, derivatives)[..., 0] / scale
     inverse = q[:, None] * np.array([1.0, -1.0, -1.0, -1.0])
     vectors = rotation_vector(product(inverse, q[stencil]))
-    omega: _Floats = np.einsum("np,np...->n...", weights, vectors)
+    omega: Array = np.einsum("np,np...->n...", weights, vectors)
     return to_space(q, omega) if space else omega
 
 
@@ -274,8 +273,8 @@ def hat(v: ArrayLike) -> NDArray[Any]:
     return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
-def vee(m: _Floats) -> _Floats:
+def vee(m: Array) -> Array:
     """Return the vectors v (..., 3) whose hat(v) is the antisymmetric part of matrices."""
     one, two = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0]
-    vector: _Floats = 0.5 * np.stack([one, two, m[..., 1, 0] - m[..., 0, 1]], -1)
+    vector: Array = 0.5 * np.stack([one, two, m[..., 1, 0] - m[..., 0, 1]], -1)
     return vector

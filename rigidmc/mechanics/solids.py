@@ -7,12 +7,12 @@ in kg. `rigidmc.scene.body.Body` makes bodies from the solids; scene files use t
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.dual_arrays import as_array
 
-Solid = tuple[float, tuple[float, float, float], NDArray[np.float64]]
+Solid = tuple[float, tuple[float, float, float], Array]
 _ZERO = (0.0, 0.0, 0.0)
 # number of components of vector arguments
 COMPONENTS = {("box", "size"): 3, ("plate", "size"): 2, ("ellipsoid", "semiaxes"): 3}

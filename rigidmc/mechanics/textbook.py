@@ -12,18 +12,16 @@ tests/mechanics/test_elliptic.py).
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import elliprd, elliprf, elliprj
 
 from rigidmc.engine.formulas import evaluate
 from rigidmc.errors import SceneError
-from rigidmc.inputs.arrays import floats
+from rigidmc.inputs.arrays import Array, floats
 from rigidmc.mechanics.jacobi import JacobiAt
 
-_Floats = NDArray[np.float64]
 
-
-def symmetric_omega(moments: ArrayLike, omega: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
+def symmetric_omega(moments: ArrayLike, omega: ArrayLike, t: ArrayLike) -> Array:
     """Return omega (..., 3) at t of a free body with I_1 = I_2, TdC Example 3.5.
 
     omega rotates about axis 3 at the rate (I_3 - I_1) omega_3/I_1. With w = omega(0), phi = rate t,
@@ -45,9 +43,7 @@ def symmetric_omega(moments: ArrayLike, omega: ArrayLike, t: ArrayLike) -> NDArr
     return np.stack(np.broadcast_arrays(one, two, three), -1)
 
 
-def jacobi_omega(
-    moments: ArrayLike, energy: ArrayLike, square: ArrayLike, t: ArrayLike
-) -> NDArray[np.float64]:
+def jacobi_omega(moments: ArrayLike, energy: ArrayLike, square: ArrayLike, t: ArrayLike) -> Array:
     """Return omega (..., 3) of a free body with I_1 < I_2 < I_3 from T and L^2, TdC Example 3.6.
 
     At t = 0, omega_2 = 0 and the other two components are positive. If L^2 > 2 T I_2,
@@ -88,10 +84,10 @@ def jacobi_omega(
 class EllipticFunctions(NamedTuple):
     """sn, cn, dn and the amplitude am [rad], arrays of one shape."""
 
-    sn: NDArray[np.float64]
-    cn: NDArray[np.float64]
-    dn: NDArray[np.float64]
-    am: NDArray[np.float64]
+    sn: Array
+    cn: Array
+    dn: Array
+    am: Array
 
 
 def elliptic_functions(
@@ -110,20 +106,20 @@ def elliptic_functions(
     return EllipticFunctions(*values.reshape(4, *u.shape))
 
 
-def elliptic_k(m: ArrayLike | None = None, mc: ArrayLike | None = None) -> _Floats:
+def elliptic_k(m: ArrayLike | None = None, mc: ArrayLike | None = None) -> Array:
     """Return K(m) = integral_0^(pi/2) dphi / sqrt(1 - m sin^2 phi), DLMF 19.2.8; inf at m = 1."""
-    value: _Floats = elliprf(0.0, _complements(m, mc)[1], 1.0)
+    value: Array = elliprf(0.0, _complements(m, mc)[1], 1.0)
     return value
 
 
-def elliptic_f(phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = None) -> _Floats:
+def elliptic_f(phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = None) -> Array:
     """Return F(phi | m), DLMF 19.2.4, for any phi [rad]; broadcasts."""
     n, s, cc, dd, m, mc = _reduced(phi, m, mc)
-    value: _Floats = s * elliprf(cc, dd, 1.0) + _multiple(n, elliprf(0.0, mc, 1.0))
+    value: Array = s * elliprf(cc, dd, 1.0) + _multiple(n, elliprf(0.0, mc, 1.0))
     return value
 
 
-def elliptic_e(phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = None) -> _Floats:
+def elliptic_e(phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = None) -> Array:
     """Return E(phi | m) = integral sqrt(1 - m sin^2 phi), for any phi [rad]; broadcasts.
 
     DLMF 19.2.5 and 19.25.10.
@@ -139,7 +135,7 @@ def elliptic_e(phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None 
 
 def elliptic_pi(
     n: ArrayLike, phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = None
-) -> _Floats:
+) -> Array:
     """Return Pi(n; phi | m) = integral dphi / ((1 - n sin^2 phi) sqrt(1 - m sin^2 phi)).
 
     n < 1, any phi [rad]; DLMF 19.2.7 and 19.25.14; broadcasts.
@@ -147,18 +143,18 @@ def elliptic_pi(
     turns, s, cc, dd, m, mc = _reduced(phi, m, mc)
     n = floats(n, "n")
     weight = elliprj(cc, dd, 1.0, 1.0 - n * s * s)
-    value: _Floats = s * elliprf(cc, dd, 1.0) + n / 3.0 * s**3 * weight
+    value: Array = s * elliprf(cc, dd, 1.0) + n / 3.0 * s**3 * weight
     quarter = elliprf(0.0, mc, 1.0) + n / 3.0 * elliprj(0.0, mc, 1.0, 1.0 - n)
     return value + _multiple(turns, quarter)
 
 
-def _multiple(n: _Floats, value: _Floats) -> _Floats:
+def _multiple(n: Array, value: Array) -> Array:
     """Return 2 n value; 0 for n = 0 even if the value is infinite."""
     with np.errstate(invalid="ignore"):
         return np.where(n == 0.0, 0.0, 2.0 * n * value)
 
 
-def _complements(m: ArrayLike | None, mc: ArrayLike | None) -> tuple[_Floats, _Floats]:
+def _complements(m: ArrayLike | None, mc: ArrayLike | None) -> tuple[Array, Array]:
     """Return (m, mc) from either one, as arrays; nan outside [0, 1]."""
     if (m is None) == (mc is None):
         raise ValueError("give either the parameter m or its complement mc = 1 - m")
@@ -169,7 +165,7 @@ def _complements(m: ArrayLike | None, mc: ArrayLike | None) -> tuple[_Floats, _F
 
 def _reduced(
     phi: ArrayLike, m: ArrayLike | None, mc: ArrayLike | None
-) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats]:
+) -> tuple[Array, Array, Array, Array, Array, Array]:
     """Return (n, sin rest, cos^2 rest, 1 - m sin^2 rest, m, mc) of phi = n pi + rest."""
     m, mc = _complements(m, mc)
     phi = floats(phi, "phi")

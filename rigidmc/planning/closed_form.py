@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.free_top import Motion, analyse_free_top, solve_free_top
 from rigidmc.mechanics.lagrange_top import analyse_lagrange_top, solve_lagrange_top
 from rigidmc.physics.dynamics.body_axes import with_axes
@@ -17,7 +18,7 @@ from rigidmc.physics.effects import label_effects, name_of
 from rigidmc.physics.effects.sums import total_energy, total_energy_scale
 from rigidmc.physics.observables.compiled import observed
 from rigidmc.planning.initial import Source, Start, initial_block
-from rigidmc.planning.steps import Array, Clock, physics
+from rigidmc.planning.steps import Clock, physics
 from rigidmc.scene.model import Model
 
 COVERED = (

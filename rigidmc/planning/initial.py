@@ -11,6 +11,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.machine import allocate_block
 from rigidmc.engine.streams import key_of, stream_of
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.mechanics.inertia import (
     quaternions,
@@ -32,7 +33,7 @@ from rigidmc.planning.orbit_start import (
     relative_to_orbit,
     with_orbit_rate,
 )
-from rigidmc.planning.steps import Array, physics
+from rigidmc.planning.steps import physics
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows, draw, is_shared, is_variable
 from rigidmc.scene.sampling import (

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.inputs.amounts import count_text
+from rigidmc.inputs.arrays import Array
 from rigidmc.inputs.measured import degrees_note, euler_degrees_note
 from rigidmc.mechanics.impossible import causes_text
 from rigidmc.mechanics.inertia import TOO_FAR, TRIANGLE, too_far, violates_triangle
@@ -44,7 +44,6 @@ MOMENT_UNITS = {
 }  # fmt: skip
 FAR = 100.0  # radii of gyration from the fixed point to the centre of mass
 SMALLEST, LARGEST = 1e-21, 1e27  # kg: molecules are lighter, stars are heavier
-Array = NDArray[np.float64]
 
 
 def body_notes(body: Body) -> list[str]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.layout import EVENT_ROWS, RECORDED, STATUSES, SUMS, RowMap, monitor_rows
 from rigidmc.engine.kernel.layout import map_rows as places_for
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.dual_arrays import DualArray, plain
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import OFF, Flag, argument_names, depends, flag, static_count
@@ -62,7 +63,7 @@ class Monitors(NamedTuple):
     of_running: Labelled = ()
     of_growth: Labelled = ()
     of_noise: Labelled = ()
-    bins: tuple[tuple[str, NDArray[np.float64], str], ...] = ()
+    bins: tuple[tuple[str, Array, str], ...] = ()
     dims: tuple[str, ...] = ()
     has_attitude: bool = False
 
@@ -116,7 +117,7 @@ def make_monitors(model: Model, recording: Recording, seed: int) -> Monitors:
     return monitors._replace(has_attitude=_needs_attitude(model.effects, recording, monitors))
 
 
-def _bodies(model: Model, seed: int) -> tuple[NDArray[np.float64], bool]:
+def _bodies(model: Model, seed: int) -> tuple[Array, bool]:
     """Return (moments (3, n), whether these are all moments of the run).
 
     Takes the moments of the first members, or of all rows of arrays.
@@ -183,7 +184,7 @@ def event_record(rows: Any, healthy: NDArray[np.bool_]) -> EventRecord:
 def results(
     monitors: Monitors,
     places: RowMap,
-    block: NDArray[np.float64] | DualArray,
+    block: Array | DualArray,
     clock: Clock,
     total: Any,
     nodes: int = 0,

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.inspection import scalar_parts
 from rigidmc.engine.machine import is_uncompiled
+from rigidmc.inputs.arrays import Array
 from rigidmc.inputs.measured import degrees_note
 from rigidmc.physics.dynamics.methods import arguments, implements
 from rigidmc.physics.effects import label_effects
@@ -62,7 +62,6 @@ UNCOMPILED = (
     "NUMBA_DISABLE_JIT is set: Python makes the steps, thousands of times slower, and the last bits"
     " differ from compiled steps; unset it for reproducible results"
 )
-Array = NDArray[np.float64]
 Effects = Sequence[tuple[str, Any]]  # (label, effect of the first members, with arrays as fields)
 
 

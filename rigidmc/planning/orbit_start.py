@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.so3 import arctan2, into_body, multiply, sincos
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.gravity_gradient import GravityGradient, anomaly_rate, place
@@ -20,7 +20,6 @@ from rigidmc.scene.quantities import draw
 from rigidmc.scene.start import Start
 from rigidmc.scene.start_tables import relative_components
 
-Array = NDArray[np.float64]
 _AT_ZERO = (0.5, -0.5, -0.5, 0.5)  # attitude of the frame at the true anomaly 0
 
 

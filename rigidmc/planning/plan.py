@@ -13,6 +13,7 @@ from rigidmc.engine.kernel.layout import RowMap
 from rigidmc.engine.machine import allocate_block
 from rigidmc.engine.program_spec import NO_DERIVATIVES, Derivatives
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.methods import Flag, implements
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import facts, is_conservative
@@ -124,7 +125,7 @@ class Plan(NamedTuple):
 
     def initial(
         self, sampler: Source, members: NDArray[np.int64], pilot: InitialMembers | None = None
-    ) -> tuple[NDArray[np.float64], Start]:
+    ) -> tuple[Array, Start]:
         """Build members by their indices, which fill whole lanes.
 
         Returns their rows, and the sampled values they were built from. With derivatives, the
@@ -146,9 +147,7 @@ class Plan(NamedTuple):
             block[layout.STEPS] = count_member_steps(rate, self.grid.dt, self.run.turn)
         return self._with_tangents(block, sampler, members) if self.columns else block, start
 
-    def _with_tangents(
-        self, block: NDArray[np.float64], sampler: Source, members: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
+    def _with_tangents(self, block: Array, sampler: Source, members: NDArray[np.int64]) -> Array:
         """Return a block with the rows of its derivatives."""
         rows, count = block.shape
         wide = allocate_block(rows * (1 + self.columns), count)
@@ -296,7 +295,7 @@ def choose_derivatives(wrt: Sequence[str]) -> Derivatives:
     return Derivatives(math.ceil(len(wrt) / passes), passes, of_body, of_effects)
 
 
-def _steps(effects: Sequence[Any], run: Run, pilot: NDArray[np.float64]) -> _Steps:
+def _steps(effects: Sequence[Any], run: Run, pilot: Array) -> _Steps:
     if run.integrator == "closed":
         saves = round_grid(run.t_end, run.every)
         return _Steps(saves, False, saves.steps, 0.0, 0.0)

@@ -13,11 +13,11 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.formulas import torques
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.methods import argument_names
 from rigidmc.physics.effects.protocol import facts
 from rigidmc.physics.effects.rotor import Rotor
@@ -35,7 +35,6 @@ MOST = 2.0  # rad
 LOOKED_AT = 64  # members used to find how fast effects swing a body
 ATTITUDES = 32  # attitudes at which their torque is evaluated
 BODY, AXIS, ATTITUDE = "body", "axis", "attitude"  # the fields of `Turning`
-Array = NDArray[np.float64]
 
 
 class Drive(NamedTuple):

@@ -10,11 +10,12 @@ import numpy as np
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.effects.sums import total_energy_scale
 from rigidmc.physics.integrators import StepScheme, TurnBounds, scheme_of
 from rigidmc.physics.integrators.protocol import Integrator, follows_turns
 from rigidmc.physics.integrators.splitting import PANEL_TURN, Exact, Split
-from rigidmc.planning.steps import Array, physics, rate_bounds
+from rigidmc.planning.steps import physics, rate_bounds
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import is_variable
 from rigidmc.scene.settings import Run

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from rigidmc.engine.formulas import energies, torques
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.physics.dynamics.so3 import dot
 from rigidmc.physics.effects.protocol import from_numbers, parameter_count
 from rigidmc.physics.effects.sums import total_energy_scale
 from rigidmc.scene.save_times import SaveTimes, settled
 
-Array = NDArray[np.float64]
 MOST_OWN_STEPS = 2**24  # of a member in a round, so that no fast member stops a run
 
 

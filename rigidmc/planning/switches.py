@@ -17,9 +17,10 @@ import numpy as np
 
 from rigidmc.engine.kernel.arguments import NO_CUTS
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import facts, numbers
-from rigidmc.planning.steps import SAME, Array, Clock
+from rigidmc.planning.steps import SAME, Clock
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import Varied, is_shared
 from rigidmc.scene.settings import Run

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.dual_arrays import DualArray, TangentsLost, plain, zeros
 from rigidmc.planning.initial import Source, fill_initial, member_ranges
 from rigidmc.scene.derivatives import seeds_of
@@ -23,7 +24,6 @@ from rigidmc.scene.model import Model
 from rigidmc.scene.parameter import Path
 from rigidmc.scene.quantities import Drawn, Grid, Marked, Rate, Varied
 
-Array = NDArray[np.float64]
 SAMPLING = "sample", "sample_attitude"  # methods that draw vectors of members
 
 

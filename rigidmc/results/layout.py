@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.results.variables import ROTATED, Variable
@@ -31,10 +32,10 @@ class Axes(NamedTuple):
     parameters, parameter_units : of the derivatives
     """
 
-    times: NDArray[np.float64]
+    times: Array
     thinned: NDArray[np.int64]
     labels: tuple[str, ...]
-    bins: tuple[tuple[str, NDArray[np.float64], str], ...]
+    bins: tuple[tuple[str, Array, str], ...]
     dims: tuple[str, ...]
     parameters: tuple[str, ...] = ()
     parameter_units: tuple[str, ...] = ()
@@ -163,12 +164,12 @@ class ResultLayout(NamedTuple):
         """Number of values and derivatives that a member saves in all."""
         return self.axes.times.size * self.values * (1 + self.columns)
 
-    def saves(self, out: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    def saves(self, out: Array, width: int) -> Array:
         """Return the memory of saves as an array (time, value, 1 + columns, width): in column 0
         the values, in column 1 + j their derivatives by parameter j."""
         return out.reshape(self.axes.times.size, self.values, 1 + self.columns, width)
 
-    def split(self, saves: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    def split(self, saves: Array) -> dict[str, Array]:
         """Return {name: view} of the members in `saves`, for each observable and its derivatives.
 
         Values are (time, component, member), derivatives (parameter, time, component, member);

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.machine import allocate_aligned
 from rigidmc.engine.threads import Keeper
+from rigidmc.inputs.arrays import Array
 from rigidmc.results.layout import ResultLayout, Selection
 from rigidmc.scene.recording import Labelled
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Arrays = dict[str, NDArray[Any]]
-Place = tuple[NDArray[np.float64], int, int]  # an array, its width, and the column of a block in it
+Place = tuple[Array, int, int]  # an array, its width, and the column of a block in it
 
 
 def kept_values(layout: ResultLayout, parts: Arrays) -> Arrays:

@@ -15,6 +15,7 @@ from rigidmc.engine.kernel.arguments import NO_SAVE_STEPS, NoiseKeys, StepRange
 from rigidmc.engine.kernel.member import largest_kinetic_energy, start_values
 from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import run_alone, run_blocks
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.body_axes import with_axes
 from rigidmc.physics.dynamics.dual_arrays import DualArray, plain
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties, kinetic_energy
@@ -26,7 +27,7 @@ from rigidmc.planning import monitors
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.initial import Start, rows_to_fill
 from rigidmc.planning.plan import Plan
-from rigidmc.planning.steps import Array, order_by_steps, physics
+from rigidmc.planning.steps import order_by_steps, physics
 from rigidmc.planning.switches import cut_rows
 from rigidmc.planning.unit_scale import UnitScale
 from rigidmc.processes.progress import reporter

@@ -14,6 +14,7 @@ from rigidmc.files.opening import is_zarr
 from rigidmc.files.outputs import Path, refuse_existing
 from rigidmc.files.stores import is_folder
 from rigidmc.inputs.amounts import count_text, read_count
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.observables import OUTCOMES, bare_observables, outputs, own
 from rigidmc.physics.observables.saving import summaries
 from rigidmc.planning.saves import first_and_last, settle_saves
@@ -223,7 +224,7 @@ class Pair(NamedTuple):
     name: str
     again: NDArray[Any]
     before: NDArray[Any]
-    times: NDArray[np.float64] | None
+    times: Array | None
 
 
 def _compared(again: xr.Dataset, result: xr.Dataset, scene: Scene, source: str) -> str:
@@ -232,7 +233,7 @@ def _compared(again: xr.Dataset, result: xr.Dataset, scene: Scene, source: str) 
     scene : of the result
     """
     digits = scene.run.digits
-    times: NDArray[np.float64] = np.empty(0)
+    times: Array = np.empty(0)
     names, apart = list[str](), dict[str, float]()
     others = [str(name) for name in again if _other_method(again, result, str(name))]
     if others:

@@ -15,6 +15,7 @@ from rigidmc.engine.kernel.layout import LANES, whole_lanes
 from rigidmc.engine.machine import allocate_block
 from rigidmc.engine.program import NO_SAVES
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.planning import monitors
 from rigidmc.planning.initial import Source, initial_block
 from rigidmc.planning.switches import cut_rows
@@ -23,7 +24,6 @@ from rigidmc.runs.prepare import prepare_scene
 from rigidmc.scene.quantities import of_members
 from rigidmc.scene.scene import Scene
 
-Array = NDArray[np.float64]
 SHARE = 8 * LANES  # members that justify a thread
 
 

@@ -13,7 +13,7 @@ from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.program import Program
 from rigidmc.errors import SceneError
 from rigidmc.inputs.amounts import count_text, read_count
-from rigidmc.inputs.arrays import as_plain_arrays
+from rigidmc.inputs.arrays import Array, as_plain_arrays
 from rigidmc.inputs.labelled import is_labelled
 from rigidmc.planning.initial import InitialMembers, Source, Start
 from rigidmc.planning.plan import Plan
@@ -30,8 +30,6 @@ from rigidmc.scene.settings import Run
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Array = NDArray[np.float64]
 
 
 class Machine(NamedTuple):

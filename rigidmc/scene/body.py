@@ -6,11 +6,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rigidmc.inputs.arrays import check_quaternion_rows, floats, member_vectors
+from rigidmc.inputs.arrays import Array, check_quaternion_rows, floats, member_vectors
 from rigidmc.inputs.labelled import is_labelled
 from rigidmc.mechanics import inertia, rotation
 from rigidmc.scene.body_numbers import IDENTITY as IDENTITY
-from rigidmc.scene.body_numbers import Array
 from rigidmc.scene.body_readers import BodyReaders
 
 _Turn = TypeVar("_Turn", bound=Callable[..., Array])

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.errors import Renamed, SceneError, unknown
-from rigidmc.inputs.arrays import floats
+from rigidmc.inputs.arrays import Array, floats
 from rigidmc.mechanics import inertia
 from rigidmc.physics.dynamics.dual_arrays import as_array
 from rigidmc.scene.inertia_about import ASSUMED_MASS
@@ -23,7 +22,6 @@ from rigidmc.scene.vector_distributions import check_distribution
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution, flat_parameters
 
-Array = NDArray[np.float64]
 FRAMES = ("described", "principal")
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 

@@ -11,8 +11,8 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.inputs.units import units_of_powers
 from rigidmc.mechanics.axes_rates import axes_rates
 from rigidmc.mechanics.inertia import about_point
@@ -43,7 +43,6 @@ from rigidmc.scene.vector_distributions import TensorRows
 from rigidmc.scene.vector_distributions.bodies import ELEMENTS, TensorDistribution, UncertainInertia
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
-Array = NDArray[np.float64]
 # as in the columns of TensorRows: xx, yy, zz, yz, zx, xy
 TENSOR_ELEMENTS = [
     (f"body.tensor.{i + 1}.{j + 1}", (i, j))

@@ -7,10 +7,8 @@ import os
 import warnings
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rigidmc.errors import SceneError, SceneWarning, in_file, unknown
+from rigidmc.inputs.arrays import Array
 from rigidmc.scene import shape
 from rigidmc.scene.body_changes import BodyChanges
 from rigidmc.scene.inertia_about import positive_number
@@ -181,7 +179,7 @@ class BodyReaders(BodyChanges):
     @classmethod
     def _of_triangles(
         cls,
-        triangles: NDArray[np.float64],
+        triangles: Array,
         density: float | None,
         mass: float | None,
         solid: str,

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, unknown
-from rigidmc.inputs.arrays import is_number
+from rigidmc.inputs.arrays import Array, is_number
 from rigidmc.inputs.measured import Measured, common_unit
 from rigidmc.physics.dynamics.functions import normal_quantile
 
-Array = NDArray[np.float64]
 _NAMES = {"normal": ("mean", "standard_deviation"), "uniform": ("low", "high")}
 _RULES = {  # for the two distributions whose quantiles are computed here
     "normal": "expected normal = [mean, standard deviation > 0], finite numbers",

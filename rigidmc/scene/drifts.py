@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.inputs.amounts import count_text
+from rigidmc.inputs.arrays import Array
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,7 +33,7 @@ def drift_laws(
     conserved: Mapping[str, str],
     is_reversible: bool,
     stops: bool,
-    rows: NDArray[np.float64],
+    rows: Array,
     steps: Any,
     dtype: str,
 ) -> NDArray[np.int8]:

@@ -9,10 +9,9 @@ has it about its fixed point. With c from the fixed point to the centre of mass,
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, unknown
-from rigidmc.inputs.arrays import floats
+from rigidmc.inputs.arrays import Array, floats
 from rigidmc.inputs.labelled import Wanted
 from rigidmc.mechanics import inertia
 from rigidmc.mechanics.impossible import causes_text
@@ -72,7 +71,7 @@ def check_mass_given(has_mass: bool, *vectors: Any) -> None:
         raise SceneError(rule, at="body.mass")
 
 
-def _moved(distribution: UncertainInertia, mass: float, centre: NDArray[np.float64]) -> Any:
+def _moved(distribution: UncertainInertia, mass: float, centre: Array) -> Any:
     """Implement `tensor_about_pivot` for a distribution."""
     if distribution.centre is not None:
         rule = (
@@ -89,7 +88,7 @@ def _moved(distribution: UncertainInertia, mass: float, centre: NDArray[np.float
     return UncertainInertia(tuple(map(tuple, mean.tolist())), tuple(map(tuple, moved.tolist())))
 
 
-def _derivatives(mass: float, centre: NDArray[np.float64]) -> NDArray[np.float64]:
+def _derivatives(mass: float, centre: Array) -> Array:
     """Return the derivatives (10, 10) of xx, yy, zz, yz, zx, xy about the fixed point, of the
     centre and of the mass, by those about the centre of mass."""
     x, y, z = centre.tolist()
@@ -108,7 +107,7 @@ def _derivatives(mass: float, centre: NDArray[np.float64]) -> NDArray[np.float64
     return by
 
 
-def checked_tensor(tensor: Any) -> NDArray[np.float64]:
+def checked_tensor(tensor: Any) -> Array:
     """Return a tensor as an array (3, 3); SceneError."""
     tensor = in_si(tensor, "kg m2", "body.tensor")
     wanted = "expected 3x3 finite numbers, not"
@@ -127,8 +126,8 @@ def checked_tensor(tensor: Any) -> NDArray[np.float64]:
 
 
 def principal_axes_of(
-    matrix: NDArray[np.float64], mass: Any, centre: Any, frame: str = "described"
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    matrix: Array, mass: Any, centre: Any, frame: str = "described"
+) -> tuple[Array, Array]:
     """Return moments and axes of a tensor (3, 3); SceneError with the likely causes of an
     impossible one."""
     find = inertia.principal_axes if frame == "principal" else inertia.nearest_axes

@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError
 from rigidmc.inputs.amounts import parse_count
-from rigidmc.inputs.arrays import as_plain_arrays, is_number, split_components
+from rigidmc.inputs.arrays import Array, as_plain_arrays, is_number, split_components
 from rigidmc.inputs.measured import Measured, common_unit
 from rigidmc.physics.dynamics.dual_arrays import DualArray
 from rigidmc.physics.dynamics.functions import power
 from rigidmc.scene.distributions import Distribution
-
-Array = NDArray[np.float64]
 
 
 class PointSet(Protocol):

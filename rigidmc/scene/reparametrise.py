@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.functions import normal_quantile
-from rigidmc.scene.distributions import Array, Distribution, Mixture, Truncated
+from rigidmc.scene.distributions import Distribution, Mixture, Truncated
 from rigidmc.scene.quantities import Drawn, Grid, Rate
 
 Refusal = str  # the reason why there is no derivative

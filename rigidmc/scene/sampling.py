@@ -18,10 +18,10 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.streams import stream_of, uniforms
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.effects import EFFECTS, label_effects
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.scene.distributions import Distribution
@@ -31,7 +31,6 @@ from rigidmc.scene.settings import Run
 from rigidmc.scene.start_tables import KINDS
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution, flat_parameters
 
-Array = NDArray[np.float64]
 RandomDimension = tuple[str, int, int]  # name of the random stream, draw, word
 
 # bits of a Sobol point, hence 2^30 points (scipy 1.17 cannot skip ahead with more than 32 bits);

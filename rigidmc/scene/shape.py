@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rigidmc.errors import SceneError, unknown
 from rigidmc.files.reading import MESHES, sha256_of
-from rigidmc.inputs.arrays import as_tuples, floats
+from rigidmc.inputs.arrays import Array, as_tuples, floats
 from rigidmc.mechanics import rotation
 from rigidmc.mechanics.solids import COMPONENTS, SOLIDS
 
@@ -151,7 +151,7 @@ def _size(solid: str, key: str, value: Any) -> Any:
     return as_tuples(array)
 
 
-def _numbers(key: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def _numbers(key: str, value: Any, shape: tuple[int, ...]) -> Array:
     """Return an array of finite numbers with the given shape; SceneError."""
     try:
         array = np.asarray(value, dtype=float)
@@ -165,7 +165,7 @@ def _numbers(key: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64
     return array
 
 
-def shape_of_mesh(triangles: NDArray[np.float64]) -> ShapePart:
+def shape_of_mesh(triangles: Array) -> ShapePart:
     """Return the part for a closed mesh, triangles (n, 3, 3) [m], with at most MOST_CORNERS
     corners.
 
@@ -199,7 +199,7 @@ def shape_of_mesh_file(file: str, scale: float) -> ShapePart:
     return ShapePart("mesh_file", {"file": file, "sha256": sha256_of(file), "scale": float(scale)})
 
 
-def shape_of_particles(masses: NDArray[np.float64], positions: NDArray[np.float64]) -> Shape:
+def shape_of_particles(masses: Array, positions: Array) -> Shape:
     """Return the shape of particles with masses (N,) at positions (N, 3); () if too many."""
     if masses.size > MOST_CORNERS:
         return ()

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.errors import Renamed, SceneError, unknown
-from rigidmc.inputs.arrays import as_plain_arrays, check_quaternion_rows, floats
+from rigidmc.inputs.arrays import Array, as_plain_arrays, check_quaternion_rows, floats
 from rigidmc.inputs.labelled import Wanted, has_dims, is_labelled, two_ways
 from rigidmc.mechanics.euler_angles import TEXTBOOK, check_sequence, quaternions_of_angles
 from rigidmc.mechanics.rotation import quaternion_from_euler, quaternion_from_matrix
@@ -31,8 +30,6 @@ from rigidmc.scene.vector_distributions.protocol import (
     flat_parameters,
 )
 from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,11 @@ from dataclasses import replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rigidmc.inputs.arrays import as_tuples
+from rigidmc.inputs.arrays import Array, as_tuples
 from rigidmc.mechanics.inertia import shift
 from rigidmc.scene.inertia_about import ASSUMED_MASS, mass_and_centre
 
-Array = NDArray[np.float64]
 ORIGIN = (0.0, 0.0, 0.0)
 # why a body has no derivative by some of its stated numbers, in place of `Stated`
 NO_RATE = (

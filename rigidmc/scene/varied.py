@@ -5,10 +5,10 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rigidmc.errors import OptionError, RigidmcError, SceneError, nearest, unknown
-from rigidmc.inputs.arrays import floats, is_number
+from rigidmc.inputs.arrays import Array, floats, is_number
 from rigidmc.inputs.labelled import COLUMN, Wanted, is_labelled, two_ways
 from rigidmc.physics.effects import label_effects
 from rigidmc.scene.distributions import Distribution
@@ -118,7 +118,7 @@ def stored_values(model: Model, names: Iterable[str]) -> dict[str, Any] | None:
     if count is None or not all(isinstance(x, (float, np.ndarray)) for x in parts):
         return None
 
-    def each(x: Any) -> NDArray[np.float64]:
+    def each(x: Any) -> Array:
         return np.broadcast_to(x, count)
 
     return {
@@ -171,7 +171,7 @@ def with_values(
     return with_parameters(model, changed, "varied", list(nominal)), count
 
 
-def _rows(value: Any, name: str, size: int | None) -> NDArray[np.float64]:
+def _rows(value: Any, name: str, size: int | None) -> Array:
     """Return values of the members as an array (members,) or (members, size), also those given as
     a tuple of `size` columns; SceneError."""
     at = f"values.{name}"

@@ -34,6 +34,7 @@ from scipy import special
 
 from rigidmc.errors import OptionError
 from rigidmc.files.reading import toml
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.observables.saving import CENSORED, FOLLOWED, LAG
 from rigidmc.scene.toml.read import scene_text
 from rigidmc.statistics import intervals
@@ -58,7 +59,6 @@ class Column(NamedTuple):
 Columns = xr.Dataset | Mapping[str, Column]
 
 
-Array = NDArray[np.float64]
 SAME = 1.0 + 1e-9  # ratio up to which two times count as equal
 RELATIONS: dict[str, Callable[[Any, float], Any]] = {
     ">=": operator.ge,

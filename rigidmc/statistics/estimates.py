@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
 from rigidmc.files.reading import toml
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.methods import argument_names
 from rigidmc.physics.observables import bare_observables, own
 from rigidmc.physics.observables.protocol import DIMENSIONS
@@ -113,7 +114,6 @@ def _interval(
     return Estimate(interval.value, unknown, unknown, interval.without, interval.until)
 
 
-Array = NDArray[np.float64]
 NAME = r"(?P<name>[A-Za-z_]\w*)(\[(?P<component>\w+)\])?"
 
 

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy import special
 
 from rigidmc.errors import OptionError, unknown
+from rigidmc.inputs.arrays import Array
 from rigidmc.scene.settings import Run
 
 METHODS = ("wilson", "clopper-pearson")
@@ -157,9 +158,7 @@ def half_of_mean(variance: ArrayLike, count: ArrayLike, confidence: float = 0.95
         return np.where(n > 1, t * np.sqrt(np.asarray(variance) / n), np.nan)
 
 
-def correlation(
-    first: NDArray[np.float64], other: NDArray[np.float64], confidence: float = 0.95
-) -> Interval:
+def correlation(first: Array, other: Array, confidence: float = 0.95) -> Interval:
     """Estimate Pearson's correlation coefficient along the last axis, with Fisher's interval.
 
     r = sum (a - <a>)(b - <b>) / sqrt(sum (a - <a>)^2 sum (b - <b>)^2),

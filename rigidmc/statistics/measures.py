@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, nearest
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.observables import monitors, statistics, word_of_observable
 from rigidmc.physics.observables.saving import FOLLOWED, is_event_time, owners_of_variables
 from rigidmc.scene.scene import Scene
@@ -58,10 +59,10 @@ class Result(NamedTuple):
     axis: int | None = None
     timed: bool = False
 
-    def values(self, dataset: Columns) -> NDArray[np.float64]:
+    def values(self, dataset: Columns) -> Array:
         """Return the values of the members (n,); signed times for events, see `censored`."""
         result = dataset[self.name]
-        values: NDArray[np.float64] = (result.sel(axis=self.axis) if self.axis else result).values
+        values: Array = (result.sel(axis=self.axis) if self.axis else result).values
         return censored.signed_times(dataset, self.name, values) if self.timed else values
 
 
@@ -72,12 +73,12 @@ class Condition(NamedTuple):
     relation: str
     number: float
 
-    def answers(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def answers(self, values: Array) -> Array:
         """Evaluate the condition for values of the variable: 1 where it holds, 0 where not, nan for
         members that have no value, or whose event is later than their end."""
         if self.result.timed:
             return censored.answers(values, self.relation, self.number)
-        holds: NDArray[np.float64] = RELATIONS[self.relation](values, self.number).astype(float)
+        holds: Array = RELATIONS[self.relation](values, self.number).astype(float)
         if (unknown := np.isnan(values)).any():
             holds[unknown] = np.nan
         return holds
@@ -142,7 +143,7 @@ class Measure(NamedTuple):
             values = first + 1j * (censored.times_that_came(other) if self.other.timed else other)
         return values.astype(self.dtype)
 
-    def outcomes(self, dataset: Columns) -> NDArray[np.float64]:
+    def outcomes(self, dataset: Columns) -> Array:
         """Return the numbers of the members (n,) whose mean is the measure, a p or a mean: for p, 1
         if the relation holds, else 0; nan for members whose number is unknown.
 
@@ -166,7 +167,7 @@ class Measure(NamedTuple):
             is_asked &= self.given.answers(self.given.result.values(dataset)) == 1.0
         return is_asked
 
-    def numbers(self, dataset: xr.Dataset) -> NDArray[np.float64]:
+    def numbers(self, dataset: xr.Dataset) -> Array:
         """Return the number of each single member (n,), nan for members that are flagged, not
         selected, or without a value. For p, it is 1 or 0: whether the relation holds.
 
@@ -211,7 +212,7 @@ class Measure(NamedTuple):
             interval = intervals.quantiles(values, self.number, confidence)
         return Estimate(*interval, without)
 
-    def _timed(self, times: NDArray[np.float64], confidence: float) -> Estimate:
+    def _timed(self, times: Array, confidence: float) -> Estimate:
         """Return the Estimate of an event time, from signed times (..., n)."""
         if self.kind == "p":
             return censored.censored_probability(times, self.relation, self.number, confidence)
@@ -240,7 +241,7 @@ class Measure(NamedTuple):
         )
         raise OptionError(rule, at="measure", value=self.text)
 
-    def _plain(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _plain(self, values: Array) -> Array:
         """Return the values, with nan for censored times."""
         return censored.times_that_came(values) if self.result.timed else values
 

@@ -20,6 +20,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.processes.threads import Task, drop, threads_of
 from rigidmc.statistics import intervals
 
@@ -28,8 +29,6 @@ PIECE = 2**18  # numbers searched at once: each call must outlast a switch betwe
 SAMPLE = 2**15, 16  # members of each piece of the sample, and number of pieces
 KEPT = 2**20  # numbers kept of a bracket; a sample of all is kept of more
 SURE = 4.5  # half the width of a bracket, in standard deviations of the rank
-
-Array = NDArray[np.float64]
 
 
 class Row(NamedTuple):

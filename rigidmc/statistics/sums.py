@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import LANES
+from rigidmc.inputs.arrays import Array
 
-Array = NDArray[np.float64]
 GROUP = LANES  # members; every block is a multiple of it
 BATCH = 2**13  # groups that are joined at once
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError, SceneError, SceneWarning
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.free_top import FreeMotionType, Motion
 from rigidmc.mechanics.lagrange_steady import least_spin, steady_precession, tilt_growth
 from rigidmc.mechanics.lagrange_top import NutationRange
@@ -20,7 +21,6 @@ from rigidmc.results.principal_axes import in_principal_axes
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.scene import Scene
 
-Array = NDArray[np.float64]
 _UP = ("sleeping", "unstable")  # kinds of motion of an upright top
 _NOT_STEADY = (*_UP, "at rest", "hanging", "pendulum")  # that do not precess
 Motions = list[tuple[NDArray[np.int_], FreeMotionType | NutationRange]]  # [(members, their motion)]

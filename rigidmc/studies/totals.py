@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError
 from rigidmc.inputs.amounts import read_count
+from rigidmc.inputs.arrays import Array
 from rigidmc.processes.progress import Progress, announce
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.sinks import Arrays, HistogramCounts, Sink
@@ -31,7 +31,6 @@ from rigidmc.statistics.measures import Measure, Variables, measure, save_for_me
 from rigidmc.statistics.sums import GROUP, Moments, OrderedSums, moments_of_groups
 from rigidmc.studies.until import without_saves
 
-Array = NDArray[np.float64]
 MORE = 8  # times the members of a block of a file: runs of 100 steps are 1.8 times as fast
 KINDS = ("p", "mean")  # of measures that are sums over members
 

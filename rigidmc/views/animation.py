@@ -12,11 +12,11 @@ from matplotlib import animation, rc_context, rcParams
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError
 from rigidmc.files.opening import check_suffix
 from rigidmc.files.outputs import PartialFile, naming_the_path, refuse_existing
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics import rotation
 from rigidmc.planning.saves import ATTITUDE, sparse
 from rigidmc.results.principal_axes import in_principal_axes, is_described
@@ -34,7 +34,6 @@ SMOOTH = 4  # saves per frame, all of them on the path on the sphere
 TRACE = 400  # saves until the trace of axis 3 fades
 
 Draw = Callable[[int], None]
-Floats = NDArray[np.float64]
 
 
 def check_writer(path: str) -> None:
@@ -162,7 +161,7 @@ def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
     return figure, draw
 
 
-def _in_space(axes: Axes, solid: Solid, turn: Floats, named: Floats, unit: Floats) -> Draw:
+def _in_space(axes: Axes, solid: Solid, turn: Array, named: Array, unit: Array) -> Draw:
     """Draw the body with its axes, its stick from the fixed point to the centre of mass, the trace
     of axis 3, the vertical and the angular momentum.
 
@@ -202,7 +201,7 @@ def _in_space(axes: Axes, solid: Solid, turn: Floats, named: Floats, unit: Float
     return draw
 
 
-def _on_sphere(axes: Axes, moments: Floats, unit: Floats) -> Draw:
+def _on_sphere(axes: Axes, moments: Array, unit: Array) -> Draw:
     """Draw the momentum sphere with the polhodes of the body, and the path (times, 3) on it."""
     on = Quadric(turn=toward_reader(unit.T))
     draw_ball(axes, on, ("1", "2", "3"), family(moments))

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.euler_angles import (
     PROPER,
     TEXTBOOK,
@@ -18,7 +18,6 @@ from rigidmc.mechanics.rotation import euler
 from rigidmc.planning.saves import ATTITUDE, sparse
 from rigidmc.results.principal_axes import apply_lazily
 
-Floats = NDArray[np.float64]
 _TEXTBOOK_WORDS = {"phi": "precession", "theta": "nutation", "psi": "proper rotation"}
 
 
@@ -53,10 +52,10 @@ def euler_of(ds: xr.Dataset, sequence: str, unwrap: bool) -> xr.Dataset:
     sequence = check_sequence(sequence)
     q, names = saved_attitude(ds), angle_names(sequence)
 
-    def angles_of(q: Floats) -> Floats:
+    def angles_of(q: Array) -> Array:
         if sequence == TEXTBOOK:
             return euler(q)
-        angles: Floats = np.moveaxis(angles_of_quaternions(sequence, np.moveaxis(q, -1, 0)), 0, -1)
+        angles: Array = np.moveaxis(angles_of_quaternions(sequence, np.moveaxis(q, -1, 0)), 0, -1)
         return angles
 
     parts = [(q.rename(quat="angle").drop_vars("angle", errors="ignore"), ["angle"])]
@@ -133,7 +132,7 @@ def refuse_lost_turns(ds: xr.Dataset, angles: xr.Dataset, sequence: str) -> None
         raise ValueError(f"{first}, {third}: {who} {where} {cure}")
 
 
-def _largest_rates(ds: xr.Dataset, angles: xr.Dataset, sequence: str, spin: Floats) -> Floats:
+def _largest_rates(ds: xr.Dataset, angles: xr.Dataset, sequence: str, spin: Array) -> Array:
     """Return the largest rates of the first and third angle between saves (member,) [rad/s].
 
     With the component w of omega across the third axis k, at a distance d from gimbal lock::
@@ -167,17 +166,17 @@ def _largest_rates(ds: xr.Dataset, angles: xr.Dataset, sequence: str, spin: Floa
         closest = 0.5 * (distance[1:] + distance[:-1] - swing * dt)
         rates = np.maximum(across / np.sin(closest), along + across / np.tan(closest))
     rates = np.where((closest > 0.0) | (across == 0.0), rates, np.inf)
-    largest: Floats = np.max(rates, axis=0, where=~np.isnan(rates), initial=0.0)
+    largest: Array = np.max(rates, axis=0, where=~np.isnan(rates), initial=0.0)
     return largest
 
 
-def _omega(ds: xr.Dataset) -> Floats | None:
+def _omega(ds: xr.Dataset) -> Array | None:
     """Return omega (time, axis, member) [rad/s]; None if it was not saved."""
     from rigidmc.views.sample import omega_or_momentum
 
     if "omega" not in ds and "momentum" not in ds:
         return None
-    omega: Floats = omega_or_momentum(ds, "omega")[0]
+    omega: Array = omega_or_momentum(ds, "omega")[0]
     return omega
 
 

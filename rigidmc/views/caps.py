@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.views.figures import HALO, INK
 
 MINUS = "\N{MINUS SIGN}"
@@ -19,7 +20,7 @@ RIMS = (
     *(1, 2, 5, 10, 20, 30, 45, 60),
 )
 
-Vectors = NDArray[np.float64]  # (..., 3)
+Vectors = Array  # (..., 3)
 
 
 class Cap(NamedTuple):

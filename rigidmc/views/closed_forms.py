@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import OptionError
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.free_top import solve_free_top
 from rigidmc.mechanics.lagrange_steady import effective_potential
 from rigidmc.mechanics.lagrange_top import (
@@ -39,8 +40,6 @@ from rigidmc.views.figures import (
 from rigidmc.views.polhodes import draw_polhodes
 from rigidmc.views.quadric import CIRCLE, draw_curve, draw_quadric, screen
 from rigidmc.views.sample import DENSE, FINE, LINES
-
-Floats = NDArray[np.float64]
 
 NARROW = 0.02  # rad: smallest width of a nutation that sets the scale of a picture
 
@@ -160,7 +159,7 @@ def _prefixed(size: float) -> tuple[float, str]:
     return 10.0**power, f"1e{power} J"
 
 
-def _one_well(axes: Axes, degrees: Floats, u: Floats, energy: float, turns: Floats) -> None:
+def _one_well(axes: Axes, degrees: Array, u: Array, energy: float, turns: Array) -> None:
     """Draw the effective potential of one top, its energy, and its turning angles [deg]."""
     axes.plot(degrees, u, color=MEDIAN, linewidth=2.0, label="effective potential")
     axes.axhline(energy, color=PATH, linewidth=1.5, label="energy")
@@ -172,7 +171,7 @@ def _one_well(axes: Axes, degrees: Floats, u: Floats, energy: float, turns: Floa
 
 
 def _wells(
-    axes: Axes, degrees: Floats, u: Floats, energy: Floats, turns: Floats, labels: list[str | None]
+    axes: Axes, degrees: Array, u: Array, energy: Array, turns: Array, labels: list[str | None]
 ) -> None:
     """Draw effective potentials (n, points) with energies (n,) and turning angles (n, 2) [deg]."""
     low, high = axes.get_ylim()
@@ -195,7 +194,7 @@ def _wells(
         axes.plot(ends, (e, e), "o-", color=style["color"], ms=4.0, lw=1.0)
 
 
-def euler_curves(attitude: Floats) -> tuple[Floats, Floats, Floats]:
+def euler_curves(attitude: Array) -> tuple[Array, Array, Array]:
     """Return Euler angles theta, phi, psi (n,) [rad] of attitudes (n, 4).
 
     Near theta = 0 and pi only phi + psi or phi - psi is well defined: phi and psi are nan there,
@@ -218,7 +217,7 @@ def _pieces(there: NDArray[np.bool_]) -> list[slice]:
     return [slice(*map(int, piece)) for piece in ends.reshape(-1, 2)]
 
 
-def mean_rate(t: Floats, angle: Floats) -> float:
+def mean_rate(t: Array, angle: Array) -> float:
     """Return the mean rate of an angle [rad/s]: one slope for all pieces between gaps, by least
     squares with the weights sin^2(pi t/T) on a piece of length T.
 
@@ -240,7 +239,7 @@ def mean_rate(t: Floats, angle: Floats) -> float:
     return above / below if below > 0.0 else 0.0
 
 
-def without_mean_rate(t: Floats, angle: Floats, rate: float | None = None) -> tuple[Floats, float]:
+def without_mean_rate(t: Array, angle: Array, rate: float | None = None) -> tuple[Array, float]:
     """Return an angle minus its mean rate, and this rate [rad/s], by default `mean_rate`; each
     piece between gaps begins at most half a turn from the end of the piece before, the first one
     from 0."""
@@ -253,7 +252,7 @@ def without_mean_rate(t: Floats, angle: Floats, rate: float | None = None) -> tu
 
 
 def euler_angles(
-    attitude: Floats, t: Floats, axes: Axes | None = None, rates: tuple[float, float] | None = None
+    attitude: Array, t: Array, axes: Axes | None = None, rates: tuple[float, float] | None = None
 ) -> Figure:
     """Draw Euler angles z-x-z of attitudes (n, 4) against t (n,).
 
@@ -362,9 +361,7 @@ def _finish(axes: Axes, title: str) -> None:
         )
 
 
-def _times(
-    moments: ArrayLike, momentum: ArrayLike, nutation: NutationRange, periods: int
-) -> NDArray[np.float64]:
+def _times(moments: ArrayLike, momentum: ArrayLike, nutation: NutationRange, periods: int) -> Array:
     """Return times over some periods of the nutation.
 
     For a top without a period, the slow time 6/rate replaces the period. For a top at rest, the
@@ -376,7 +373,7 @@ def _times(
     return _resolved(moments, momentum, periods * (period if np.isfinite(period) else 6.0 / rate))
 
 
-def _resolved(moments: ArrayLike, momentum: ArrayLike, end: float) -> NDArray[np.float64]:
+def _resolved(moments: ArrayLike, momentum: ArrayLike, end: float) -> Array:
     """Return times until `end` [s], between which a body turns by at most FINE; at most DENSE[1]
     times, which may end earlier."""
     rates = turning_rates(

@@ -7,12 +7,12 @@ mass, centre of mass, tensor, principal axes and the stability of rotations.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.compile_time import list_kernels, seconds, seconds_text
 from rigidmc.engine.cuda.devices import is_gpu
 from rigidmc.engine.inspection import torque_operations, why_scalar
 from rigidmc.engine.program import Program
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics import inertia
 from rigidmc.mechanics.euler_angles import TEXTBOOK, angle_names
 from rigidmc.mechanics.impossible import can_exist
@@ -339,7 +339,7 @@ def body_facts(body: Body) -> dict[str, Any]:
     }
 
 
-def top_type(moments: NDArray[np.float64]) -> str:
+def top_type(moments: Array) -> str:
     """Classify a body: spherical, symmetric (oblate or prolate) or asymmetric; flat if
     I3 = I1 + I2."""
     low, middle, high = np.sort(moments)
@@ -384,7 +384,7 @@ def describe_body(body: Body, title: str) -> list[str]:
     return [*lines, *(f"note         {note}" for note in facts["notes"])]
 
 
-def _stability(moments: NDArray[np.float64], facts: dict[str, Any], named: str) -> list[str]:
+def _stability(moments: Array, facts: dict[str, Any], named: str) -> list[str]:
     """Describe the stability of torque-free rotations and the growth of a disturbance.
 
     named : "principal " if the axes of the moments are not the axes of the scene, else ""
@@ -413,6 +413,6 @@ def _stability(moments: NDArray[np.float64], facts: dict[str, Any], named: str) 
     ]
 
 
-def _row(values: NDArray[np.float64], size: float = 1.0) -> str:
+def _row(values: Array, size: float = 1.0) -> str:
     """Write numbers as text; numbers below the rounding error of `size` become 0."""
     return ", ".join(f"{0.0 if abs(x) < 1e-15 * size else x:.10g}" for x in values)

@@ -15,8 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import ConnectionPatch
 from matplotlib.ticker import NullFormatter
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.observables import OBSERVABLES
 from rigidmc.planning.saves import AXIS, BODY
 from rigidmc.results.labels import axis_label, count_text, in_symbols, with_units
@@ -195,7 +195,7 @@ def _series(
     legend_above(titled or axes, 4, axes)
 
 
-def _lines(axes: Axes, part: xr.Dataset, value: NDArray[np.float64], up: str) -> None:
+def _lines(axes: Axes, part: xr.Dataset, value: Array, up: str) -> None:
     """Draw the values (time, member) of a few members against time, in the styles of other pictures
     of single members; the first one is drawn by `_series`."""
     styles, labels = line_styles(value.shape[1]), member_labels(part.member.values)
@@ -210,7 +210,7 @@ def _name_axes(axes: Axes, part: xr.Dataset, up: str) -> None:
     axes.set(xlabel=axis_label(part.time), ylabel=up, xlim=(t[0], t[-1]))
 
 
-def _band(axes: Axes, part: xr.Dataset, value: NDArray[np.float64], up: str) -> None:
+def _band(axes: Axes, part: xr.Dataset, value: Array, up: str) -> None:
     """Draw the quantiles of values (time, member) against time."""
     t = part.time.values
     low, quarter, median, three_quarters, high = np.quantile(
@@ -222,7 +222,7 @@ def _band(axes: Axes, part: xr.Dataset, value: NDArray[np.float64], up: str) -> 
     _name_axes(axes, part, up)
 
 
-def _middle(part: xr.Dataset) -> tuple[NDArray[np.float64], str, str]:
+def _middle(part: xr.Dataset) -> tuple[Array, str, str]:
     """Return (values (time, member), label, title) of the component of omega about the axis of the
     middle moment of each member [rad/s]."""
     principal = in_principal_axes(part)
@@ -244,7 +244,7 @@ def _middle(part: xr.Dataset) -> tuple[NDArray[np.float64], str, str]:
     return value, with_units(name, units), f"Angular velocity {where}"
 
 
-def _angle(part: xr.Dataset) -> tuple[NDArray[np.float64], str, str]:
+def _angle(part: xr.Dataset) -> tuple[Array, str, str]:
     """Return (values (time, member), label, title) of the angle of axis 3 from the vertical."""
     w, x, y, z = np.moveaxis(part.attitude.transpose("time", "quat", "member").values, 1, 0)
     theta = np.degrees(2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z)))
@@ -365,17 +365,17 @@ def _drifts_of_one(ds: xr.Dataset, axes: Axes) -> None:
         axes.text(0.5, 0.9, "\n".join(lines), ha="center", va="top", transform=axes.transAxes)
 
 
-def _decades(values: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+def _decades(values: list[Array]) -> Array:
     """Return edges of ten bins per decade around all positive values."""
     exponents = np.concatenate([np.log10(v[v > 0.0]) for v in values])
     first, last = -17.0, -15.0
     if exponents.size:
         first, last = np.floor(exponents.min()), np.floor(exponents.max()) + 1
-    edges: NDArray[np.float64] = 10.0 ** np.linspace(first, last, round(10 * (last - first)) + 1)
+    edges: Array = 10.0 ** np.linspace(first, last, round(10 * (last - first)) + 1)
     return edges
 
 
-def _drift_label(symbol: str, v: NDArray[np.float64]) -> str:
+def _drift_label(symbol: str, v: Array) -> str:
     """Return the legend of a histogram of drifts."""
     zeros, median = int(np.count_nonzero(v == 0.0)), np.median(v) if v.size else 0.0
     label = f"{symbol}: median (¦) {median:.1e}, worst (▾) {v.max(initial=0.0):.1e}"

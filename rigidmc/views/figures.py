@@ -26,11 +26,12 @@ from matplotlib.colors import (
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image
 
 from rigidmc.files.opening import check_suffix
 from rigidmc.files.outputs import refuse_existing, write_bytes
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.integrators import INTEGRATORS
 
 INK, GREY, LIGHT = "#222222", "#777777", "#c8c8c8"  # lines and text, from strong to faint
@@ -151,13 +152,7 @@ def line_styles(count: int) -> list[dict[str, Any]]:
     return [{"color": tuple(shade), "linestyle": "-", "linewidth": 0.9} for shade in shades]
 
 
-def add_density(
-    axes: Axes,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    of: str,
-    edges: NDArray[np.float64] | None = None,
-) -> None:
+def add_density(axes: Axes, x: Array, y: Array, of: str, edges: Array | None = None) -> None:
     """Draw how many points there are in each bin, on a logarithmic scale.
 
     of : what is counted, such as "states";  edges : of the bins of x
@@ -191,7 +186,7 @@ def legend_above(axes: Axes, columns: int, of: Axes | None = None) -> None:
     )
 
 
-def colour_scale(name: str, values: NDArray[np.float64], named: Mapping[float, str]) -> Scale:
+def colour_scale(name: str, values: Array, named: Mapping[float, str]) -> Scale:
     """Return (colour map, norm, ticks) for a variable.
 
     named : {value: word} of a variable with a few values

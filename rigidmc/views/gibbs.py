@@ -4,9 +4,9 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from rigidmc.engine.formulas import energies
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects.protocol import is_random, numbers
 from rigidmc.planning.initial import members_at_start
@@ -59,7 +59,7 @@ def gibbs(ds: xr.Dataset, allow_code: bool = False) -> Figure:
     return figure
 
 
-def _momenta(axes: Axes, x: NDArray[np.float64]) -> None:
+def _momenta(axes: Axes, x: Array) -> None:
     """Draw histograms of reduced momenta (axis, member), which should be normal."""
     edges = np.linspace(-4.5, 4.5, 46)
     for row, (color, style) in enumerate(((CORE, "-"), (INK, "--"), (PATH, ":"))):
@@ -77,7 +77,7 @@ def _momenta(axes: Axes, x: NDArray[np.float64]) -> None:
     axes.legend(fontsize=8, frameon=False)
 
 
-def _energies(axes: Axes, scene: Scene, q: NDArray[np.float64], kT: float) -> None:
+def _energies(axes: Axes, scene: Scene, q: Array, kT: float) -> None:
     """Draw histograms of the potential energy in the run and in the Gibbs distribution."""
     block, _ = members_at_start(scene.model, scene.run, 0, 1)
     body, effects = physics(scene.effects, block)

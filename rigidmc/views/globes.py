@@ -10,8 +10,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.rotation import to_space
 from rigidmc.planning.saves import AXIS, BODY
 from rigidmc.results.principal_axes import in_principal_axes, is_described
@@ -45,7 +45,7 @@ BEHIND = 0.3  # opacity of what lies behind the sphere
 RADIUS = EYE / np.sqrt(EYE**2 - 1.0)  # of the rim of the unit sphere in the picture
 LAMP = np.array([-0.35, 0.5, 0.8]) / np.sqrt(1.0125)  # light, in the axes of the picture
 
-Vectors = NDArray[np.float64]  # (time, axis, member)
+Vectors = Array  # (time, axis, member)
 Names = tuple[str, str, str]
 
 
@@ -181,7 +181,7 @@ def _clear_paths(paths: Vectors, members: int, radius: float) -> list[Curve]:
     return [curves[0][: 1 + np.searchsorted(length[:, 0], LONG * radius)]]
 
 
-def _columns(v: Vectors) -> NDArray[np.float64]:
+def _columns(v: Vectors) -> Array:
     """Return vectors (time, axis, member) as columns (3, n), without undefined ones."""
     u = np.moveaxis(v, 1, 0).reshape(3, -1)
     is_finite = np.isfinite(u).all(0)
@@ -190,7 +190,7 @@ def _columns(v: Vectors) -> NDArray[np.float64]:
 
 def _draw_globe(
     axes: Axes,
-    u: NDArray[np.float64],
+    u: Array,
     paths: list[Curve],
     names: Names,
     lines: tuple[list[Curve], list[Curve]],
@@ -225,7 +225,7 @@ def draw_ball(
     on: Quadric,
     names: Names,
     lines: tuple[list[Curve], list[Curve]],
-    image: NDArray[np.float64] | None = None,
+    image: Array | None = None,
 ) -> None:
     """Draw a lit sphere with named axes, polhodes and separatrices.
 
@@ -242,13 +242,13 @@ def draw_ball(
         draw_curve(axes, curve, "separatrix", on, color=INK, linewidth=1.2)
 
 
-def toward_reader(u: NDArray[np.float64]) -> NDArray[np.float64]:
+def toward_reader(u: Array) -> Array:
     """Return the turn about axis 3 by 0 or 180 degrees that brings most directions to the front."""
     is_behind = screen(u.mean(1) * (1.0, 1.0, 0.0))[2] < 0.0
     return np.diag([-1.0, -1.0, 1.0]) if is_behind else np.eye(3)
 
 
-def _lit_ball() -> NDArray[np.float64]:
+def _lit_ball() -> Array:
     """Return the colours (PIXELS, PIXELS, 3) of a grey ball in the light of the lamp."""
     x = (np.arange(PIXELS) + 0.5) / (0.5 * PIXELS) - 1.0
     z = np.sqrt(np.clip(1.0 - x**2 - x[:, None] ** 2, 0.0, 1.0))
@@ -256,7 +256,7 @@ def _lit_ball() -> NDArray[np.float64]:
     return np.repeat((0.80 + 0.17 * light)[..., None], 3, axis=2)
 
 
-Layer = tuple[NDArray[np.float64], NDArray[np.float64]]  # density, opacity
+Layer = tuple[Array, Array]  # density, opacity
 
 
 def _scale_of(axes: Axes, layers: list[Layer], of: str, pad: float = 0.0) -> LogNorm:
@@ -273,7 +273,7 @@ def _scale_of(axes: Axes, layers: list[Layer], of: str, pad: float = 0.0) -> Log
     return norm
 
 
-def _over(image: NDArray[np.float64], layers: list[Layer], norm: LogNorm) -> NDArray[np.float64]:
+def _over(image: Array, layers: list[Layer], norm: LogNorm) -> Array:
     """Return an image with the colours of densities over it, the last one on top."""
     for density, opacity in layers:
         strength = opacity * (1.0 if density is layers[-1][0] else BEHIND)
@@ -282,7 +282,7 @@ def _over(image: NDArray[np.float64], layers: list[Layer], norm: LogNorm) -> NDA
     return image
 
 
-def _draw_image(axes: Axes, image: NDArray[np.float64], rim: Circle) -> None:
+def _draw_image(axes: Axes, image: Array, rim: Circle) -> None:
     """Draw an image inside a circle."""
     axes.add_patch(rim)
     (x, y), radius = rim.center, rim.radius
@@ -294,7 +294,7 @@ def _draw_image(axes: Axes, image: NDArray[np.float64], rim: Circle) -> None:
 
 def _draw_on_cap(
     axes: Axes,
-    u: NDArray[np.float64],
+    u: Array,
     paths: list[Curve],
     names: Names,
     separatrices: Sequence[Curve],

@@ -8,8 +8,8 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.effects.field import UniformField
 from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.physics.effects.protocol import Effect
@@ -97,6 +97,6 @@ def pulls_data(effects: Iterable[Effect]) -> list[tuple[str, list[float]]]:
         if isinstance(effect, Gravity):
             pulls.append(("g", [0.0, 0.0, -1.0]))
         elif isinstance(effect, UniformField) and is_shared(effect.field):
-            field: NDArray[np.float64] = np.array(effect.field)
+            field: Array = np.array(effect.field)
             pulls.append(("B", (field / np.linalg.norm(field)).tolist()))
     return pulls

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.lagrange_steady import effective_potential
 from rigidmc.mechanics.lagrange_top import analyse_lagrange_top
 from rigidmc.mechanics.rotation import to_body, to_space
@@ -38,8 +38,6 @@ from rigidmc.views.sample import (
     start_labels,
 )
 from rigidmc.views.sphere import family
-
-Floats = NDArray[np.float64]
 
 SAME = 1e-9  # relative difference of constants that count as equal
 PLANAR = 1e-6  # largest distance of the axis from a plane in which it swings
@@ -91,9 +89,9 @@ def phase_portrait(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
     return figure
 
 
-def _swinging_axis(tops: ClosedMotion | None, path: MemberPath) -> Floats:
+def _swinging_axis(tops: ClosedMotion | None, path: MemberPath) -> Array:
     """Return the axis that theta belongs to, in principal axes (3,)."""
-    axis: Floats
+    axis: Array
     if tops is not None:
         axis = np.eye(3)[int(tops.form[0]) - 1]
         return axis
@@ -101,7 +99,7 @@ def _swinging_axis(tops: ClosedMotion | None, path: MemberPath) -> Floats:
     return axis
 
 
-def _swing(path: MemberPath, axis: Floats) -> tuple[Floats, Floats]:
+def _swing(path: MemberPath, axis: Array) -> tuple[Array, Array]:
     """Return theta [deg] and its rate [rad/s] (n,).
 
     With the vertical s in the body, s' = s x omega:  theta' = -axis . (s x omega)/sin theta.
@@ -121,7 +119,7 @@ def _swing(path: MemberPath, axis: Floats) -> tuple[Floats, Floats]:
     return np.where(side, 360.0 - theta, theta), np.where(side, -rate, rate)
 
 
-def _many_swings(part: xr.Dataset, tops: ClosedMotion | None) -> tuple[Floats, Floats]:
+def _many_swings(part: xr.Dataset, tops: ClosedMotion | None) -> tuple[Array, Array]:
     """Return theta [deg] and its rate [rad/s] of all states of a sample."""
     omega, _ = omega_or_momentum(in_principal_axes(part), "omega")
     q = principal(part, "attitude").transpose("time", "quat", "member").values

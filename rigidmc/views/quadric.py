@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.views.figures import GREY, HALO, INK, LIGHT
 
 VIEW = np.array([0.80, 0.45, 0.40])  # toward the reader; along an axis a sphere would look flat
@@ -15,7 +16,7 @@ RIGHT = np.cross((0.0, 0.0, 1.0), TOWARD) / np.hypot(*TOWARD[:2])
 EYE = 6.0  # distance of the eye from the centre; the surface has a radius of at most 1
 CIRCLE = np.linspace(0.0, 2.0 * np.pi, 361)
 
-Vectors = NDArray[np.float64]  # (..., 3)
+Vectors = Array  # (..., 3)
 
 
 def screen(v: Vectors) -> tuple[Vectors, Vectors, Vectors]:

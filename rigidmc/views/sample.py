@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.compiler.compose import NumbaError
 from rigidmc.errors import RigidmcError
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.rotation import euler
 from rigidmc.physics.effects import label_effects
 from rigidmc.planning.saves import ATTITUDE, AXIS, BODY, Drive, Sparse, drive, sparse, turning_rates
@@ -30,8 +31,6 @@ LINES = 20  # most members that a picture of single members draws as lines inste
 KEYED = 6  # most lines that a legend names
 FINE = 0.2  # rad between two points of a curve: it then looks smooth, also on a small cap
 DENSE = 1600, 20_000  # least and most points of the curve of a member
-
-Floats = NDArray[np.float64]
 
 SAVES = "rigidmc_saves"  # key for the saves of the result, in the encoding of a sample
 
@@ -74,7 +73,7 @@ def _saves(ds: xr.Dataset) -> tuple[int, float]:
     return t.size, float(np.diff(t).max(initial=0.0))
 
 
-def omega_or_momentum(part: xr.Dataset, name: str) -> tuple[NDArray[np.float64], str]:
+def omega_or_momentum(part: xr.Dataset, name: str) -> tuple[Array, str]:
     """Return omega or momentum (time, axis, member), and a description of the times.
 
     Either follows from the other by L_i = I_i omega_i. If neither was saved, use the start.
@@ -139,12 +138,12 @@ class MemberPath(NamedTuple):
     """
 
     member: int
-    t: NDArray[np.float64]
-    attitude: NDArray[np.float64]
-    principal_attitude: NDArray[np.float64]
-    momentum: NDArray[np.float64]
-    omega: NDArray[np.float64]
-    moments: NDArray[np.float64]
+    t: Array
+    attitude: Array
+    principal_attitude: Array
+    momentum: Array
+    omega: Array
+    moments: Array
 
 
 def member_paths(ds: xr.Dataset, kind: str) -> tuple[list[MemberPath], str]:
@@ -201,7 +200,7 @@ def _dense(member: xr.Dataset, kind: str) -> tuple[xr.Dataset, str]:
         return member, note_on(part, kind)
 
 
-def starts_of(good: xr.Dataset) -> tuple[Floats, Floats, Floats]:
+def starts_of(good: xr.Dataset) -> tuple[Array, Array, Array]:
     """Return (moments, momentum, attitude) of members at the start (member, ...), in principal
     axes."""
     moments = good.moments.transpose("member", "axis").values
@@ -283,7 +282,7 @@ def _words(turn: Sparse, where: str) -> str:
     return f"{turn.who()} {where}: lines misrepresent the motion; use every <= {turn.every:g} s"
 
 
-def fastest(part: xr.Dataset, kind: str) -> Floats:
+def fastest(part: xr.Dataset, kind: str) -> Array:
     """Return the largest rate of each member over the states of a result (member,) [rad/s].
 
     Without momenta over time, the rates follow from the momenta at the start and from the angle
@@ -303,7 +302,7 @@ def fastest(part: xr.Dataset, kind: str) -> Floats:
     return largest
 
 
-def angle_rates(ds: xr.Dataset, name: str) -> Floats:
+def angle_rates(ds: xr.Dataset, name: str) -> Array:
     """Return the largest rate of an angle of each member of a result (member,) [rad/s].
 
     For phi and psi it includes their rates at the saves, which diverge near theta = 0 and pi:
@@ -344,7 +343,7 @@ def drive_of(ds: xr.Dataset) -> Drive:
         return Drive(attitude=not kept)
 
 
-def _turned(part: xr.Dataset) -> Floats:
+def _turned(part: xr.Dataset) -> Array:
     """Return the largest ratio of the angle between two attitudes to the time between them
     (member,) [rad/s]."""
     q = part.attitude.transpose("time", "quat", "member").values

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.free_top import solve_free_top
 from rigidmc.mechanics.rotation import matrix, to_space
 from rigidmc.planning.saves import ATTITUDE, MOST
@@ -37,8 +37,6 @@ NEAR = 0.98  # relative to an extreme: there a flip begins and ends
 BELOW = -1.5  # height below the times
 TRAIL = 2.0  # rad of the path of an axis before an instant
 
-Floats = NDArray[np.float64]
-
 
 class Flight(NamedTuple):
     """The motion of one member, and the times to show (COUNT,) [s].
@@ -48,9 +46,9 @@ class Flight(NamedTuple):
     """
 
     path: MemberPath
-    instants: Floats
-    axis: Floats
-    value: Floats
+    instants: Array
+    axis: Array
+    value: Array
 
     def turn(self) -> str:
         """Describe how far the body turns between two instants, if that is more than MOST."""
@@ -111,7 +109,7 @@ def flight(ds: xr.Dataset, part: xr.Dataset | None = None) -> Flight:
     return Flight(path, _instants(path.t, value, is_free(ds), most), axis, value)
 
 
-def _rate(t: Floats, value: Floats, tip: Floats) -> float:
+def _rate(t: Array, value: Array, tip: Array) -> float:
     """Return the rate of the drawn motion [rad/s]: of an axis with directions tip (n, 3), or of the
     oscillation of a value (n,), whichever is faster."""
     step = np.diff(t)
@@ -153,7 +151,7 @@ def _free_path(flown: xr.Dataset) -> MemberPath:
     )
 
 
-def _instants(t: Floats, value: Floats, is_rate: bool, most: float) -> Floats:
+def _instants(t: Array, value: Array, is_rate: bool, most: float) -> Array:
     """Return COUNT times over the first flip, at which a rate changes sign; without one, over t,
     with at most `most` [s] between two."""
     turns = np.flatnonzero(np.diff(np.sign(value)) != 0)
@@ -200,7 +198,7 @@ def draw_flight(ds: xr.Dataset, flown: Flight, axes: Axes) -> None:
     axes.set(xlim=(-1.2, body_place(COUNT - 1) + 1.2), ylim=(-2.1, 1.15), aspect="equal")
 
 
-def _upright(up: Floats) -> Floats:
+def _upright(up: Array) -> Array:
     """Return the rotation (3, 3) whose third row is the unit vector up (3,)."""
     across = np.eye(3)[0] - up[0] * up if abs(up[0]) < 0.9 else np.eye(3)[1] - up[1] * up
     across /= np.linalg.norm(across)

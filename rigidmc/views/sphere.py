@@ -1,17 +1,18 @@
 """The unit sphere in pictures: the density of points on it, and families of polhodes."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+
+from rigidmc.inputs.arrays import Array
 
 PIXELS = 360  # of an image of a density: more than a picture shows of a sphere
 WIDTH = 3.0  # pixels, standard deviation of the kernel, about 1 degree: an ensemble on a line shows
 EVEN = 600_000  # even directions, 3 in a pixel and 170 under the kernel
 
-Curve = NDArray[np.float64]  # (n, 3)
+Curve = Array  # (n, 3)
 
 
-def central_axis(moments: NDArray[np.float64]) -> int:
+def central_axis(moments: Array) -> int:
     """Return the axis (0 to 2) of the middle moment; if two moments are equal, of the third."""
     low, middle, high = map(int, np.argsort(moments, kind="stable"))
     same = 1e-9 * moments[high]
@@ -20,9 +21,7 @@ def central_axis(moments: NDArray[np.float64]) -> int:
     return low if moments[high] - moments[middle] <= same else middle
 
 
-def polhodes(
-    l: NDArray[np.float64], moments: NDArray[np.float64], points: int = 721
-) -> NDArray[np.float64]:
+def polhodes(l: Array, moments: Array, points: int = 721) -> Array:
     """Return closed curves (points, axis, member) through the directions l (axis, member).
 
     The curves circle the axis of the smallest or largest moment. With u = L/|L| and
@@ -44,7 +43,7 @@ def polhodes(
     return curves
 
 
-def family(moments: NDArray[np.float64]) -> tuple[list[Curve], list[Curve]]:
+def family(moments: Array) -> tuple[list[Curve], list[Curve]]:
     """Return (curves, separatrices) on the unit sphere, each (n, 3): the polhodes of one body at
     eight or sixteen energies, and the great circles 2 T I_mid = L^2 of an asymmetric body.
 
@@ -82,7 +81,7 @@ def family(moments: NDArray[np.float64]) -> tuple[list[Curve], list[Curve]]:
     return list(curves), separatrices
 
 
-def curves_at_energy(moments: NDArray[np.float64], inverse: float) -> list[Curve]:
+def curves_at_energy(moments: Array, inverse: float) -> list[Curve]:
     """Return the polhodes (n, 3) on the unit sphere with c = 2 T/L^2 = `inverse`, which lies
     between 1/max I and 1/min I.
 
@@ -101,7 +100,7 @@ def curves_at_energy(moments: NDArray[np.float64], inverse: float) -> list[Curve
     return list(curves.transpose(2, 0, 1))
 
 
-def even_directions(angle: float = np.pi) -> NDArray[np.float64]:
+def even_directions(angle: float = np.pi) -> Array:
     """Return EVEN directions (3, EVEN) evenly spaced over the cap within `angle` of axis 3, by
     Fibonacci's spiral: (1 - cos angle)/2 of the sphere."""
     k = np.arange(EVEN)
@@ -112,9 +111,7 @@ def even_directions(angle: float = np.pi) -> NDArray[np.float64]:
     return np.stack([rim * np.cos(turn), rim * np.sin(turn), 1.0 - 2.0 * half * half])
 
 
-def smooth_density(
-    points: NDArray[np.float64], count: int, even: NDArray[np.float64], fraction: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def smooth_density(points: Array, count: int, even: Array, fraction: float) -> tuple[Array, Array]:
     """Return (density, opacity), images (PIXELS, PIXELS) of directions on the square of side 2.
 
     The density is relative to an isotropic ensemble; the opacity goes from 1 where one direction
@@ -132,9 +129,9 @@ def smooth_density(
     return density, np.where(is_near, np.clip(counts / single, 0.0, 1.0), 0.0)
 
 
-def _counts(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _counts(points: Array) -> Array:
     """Count points (2, n) in the pixels of the square from -1 to 1, and smooth."""
     x, y = ((points + 1.0) * (0.5 * PIXELS)).clip(0, PIXELS - 1).astype(np.intp)
     count = np.bincount(y * PIXELS + x, minlength=PIXELS**2).reshape(PIXELS, PIXELS)
-    smooth: NDArray[np.float64] = gaussian_filter(count.astype(float), WIDTH, truncate=3.0)
+    smooth: Array = gaussian_filter(count.astype(float), WIDTH, truncate=3.0)
     return smooth

@@ -9,6 +9,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb, to_rgba
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.views.surfaces import TONES, Surface, cut
 
 EYE = 5.0  # distance of the eye from the middle, relative to the reach of the stage
@@ -17,8 +18,6 @@ DARK = 0.62  # brightness of a face that the lamp does not reach
 SEAM = 0.35  # points: thinner, the triangles show; wider, the edges of a box look torn
 HEAD = 0.12  # length of the head of an arrow
 LONGEST = 0.2  # longest edge of a triangle relative to the body: faces are sorted by mean depth
-
-Floats = NDArray[np.float64]
 
 
 class Solid:
@@ -41,7 +40,7 @@ class Solid:
         pieces = np.stack([line[:-1], line[1:]], 1)
         self.stick = pieces[~self.holds(pieces.mean(1))] if line.any() else pieces[:0]
 
-    def holds(self, points: Floats) -> NDArray[np.bool_]:
+    def holds(self, points: Array) -> NDArray[np.bool_]:
         """Return whether points (n, 3) are inside: there the triangles fill the whole sphere.
 
         Solid angles of triangles: van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125.
@@ -73,10 +72,10 @@ class Stage:
 
     def begin(self) -> None:
         """Remove all parts."""
-        self._depth, self._corners = list[Floats](), list[Floats]()
-        self._faces, self._edges, self._widths = list[Floats](), list[Floats](), list[Floats]()
+        self._depth, self._corners = list[Array](), list[Array]()
+        self._faces, self._edges, self._widths = list[Array](), list[Array](), list[Array]()
 
-    def place(self, points: ArrayLike, at: ArrayLike = (0.0, 0.0)) -> tuple[Floats, Floats]:
+    def place(self, points: ArrayLike, at: ArrayLike = (0.0, 0.0)) -> tuple[Array, Array]:
         """Return (places (..., 2), depths (...,)) of points (..., 3); depth grows toward the eye.
 
         at : place of the middle
@@ -86,7 +85,7 @@ class Stage:
         flat = np.stack([p @ self.right, p @ self.up], -1)
         return np.asarray(at) + flat * (self.far / (self.far - depth))[..., None], depth
 
-    def solid(self, solid: Solid, turn: Floats, at: ArrayLike = (0.0, 0.0)) -> None:
+    def solid(self, solid: Solid, turn: Array, at: ArrayLike = (0.0, 0.0)) -> None:
         """Add a body with a rotation (3, 3) from its axes to space."""
         triangles, normals = solid.triangles @ turn.T, solid.normals @ turn.T
         seen = (normals * (self.far * self.toward - triangles.mean(1))).sum(1) > 0.0
@@ -125,7 +124,7 @@ class Stage:
         line = (1.0 - share) * np.asarray(start) + share * np.asarray(end)
         self.curve(line, colour, width, **options)
 
-    def stick(self, solid: Solid, turn: Floats, colour: str, width: float, **options: Any) -> None:
+    def stick(self, solid: Solid, turn: Array, colour: str, width: float, **options: Any) -> None:
         """Add the line from the fixed point to the centre of mass, as far as it is outside."""
         for piece in solid.stick @ turn.T:
             self.curve(piece, colour, width, **options)
@@ -143,9 +142,7 @@ class Stage:
             paint = np.array([to_rgba(colour)])
             self._add(depth[None], head[None], paint, paint, np.ones(1))
 
-    def _add(
-        self, depth: Floats, corners: Floats, faces: Floats, edges: Floats, widths: Floats
-    ) -> None:
+    def _add(self, depth: Array, corners: Array, faces: Array, edges: Array, widths: Array) -> None:
         self._depth.append(depth)
         self._corners.append(corners)
         self._faces.append(faces)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.results.principal_axes import apply_lazily
 from rigidmc.views.axes import ResultAxes
@@ -118,7 +118,7 @@ class ResultStates(ResultAxes):
             energy = energy + xr.DataArray(self._potential(), dims=("time", "member"))
         return energy.rename("energy").assign_attrs(units="J", long_name="energy")
 
-    def _potential(self) -> NDArray[np.float64]:
+    def _potential(self) -> Array:
         """Compute the potential energy of the effects (time, member) [J]."""
         from rigidmc.engine.formulas import energies
         from rigidmc.planning.initial import members_at_start

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import RigidmcError, SceneWarning
 from rigidmc.files.reading import sha256_of
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics import inertia, mesh, rotation
 from rigidmc.results.principal_axes import in_principal_axes
 from rigidmc.scene.body import Body
@@ -23,8 +24,6 @@ SIDE, CAP, HOLE = 0, 4, 6
 AROUND = 48  # corners of a circle, a multiple of 4
 THIN = 0.03  # least drawn thickness of rods and flat bodies, relative to length, radius or edge
 
-Floats = NDArray[np.float64]
-
 
 class Surface(NamedTuple):
     """Triangles with outward orientation.
@@ -32,7 +31,7 @@ class Surface(NamedTuple):
     corners (n, 3) [m];  faces (m, 3) : indices of corners;  tones (m,) : indices of TONES
     """
 
-    corners: Floats
+    corners: Array
     faces: NDArray[np.int_]
     tones: NDArray[np.int_]
 
@@ -89,7 +88,7 @@ def surface_radius(surface: Surface) -> float:
     return float(np.linalg.norm(surface.corners, axis=1).max())
 
 
-def form_of(ds: xr.Dataset, body: Body) -> Floats:
+def form_of(ds: xr.Dataset, body: Body) -> Array:
     """Return the (3, 4) that maps `surface_of` to the first member's body: x -> F x + shift.
 
     For a body without a shape, it maps the unit ball to the ellipsoid.
@@ -99,7 +98,7 @@ def form_of(ds: xr.Dataset, body: Body) -> Floats:
     return ellipsoid_form(*member_body(ds, body))
 
 
-def member_body(ds: xr.Dataset, body: Body) -> tuple[Floats, float, Floats]:
+def member_body(ds: xr.Dataset, body: Body) -> tuple[Array, float, Array]:
     """Return (moments (3,), mass, centre of mass (3,) in principal axes) of the first member."""
     member = in_principal_axes(ds.isel(member=[0])).isel(member=0)
     moments = np.asarray(member.moments.values, dtype=float)
@@ -108,7 +107,7 @@ def member_body(ds: xr.Dataset, body: Body) -> tuple[Floats, float, Floats]:
     return moments, float(mass), np.asarray(centre, dtype=float)
 
 
-def ellipsoid_form(moments: Floats, mass: float, centre: Floats) -> Floats:
+def ellipsoid_form(moments: Array, mass: float, centre: Array) -> Array:
     """Return the form (3, 4) of the uniform ellipsoid with given moments about the origin.
 
     a_i^2 = 5 (I_j + I_k - I_i)/(2 M) with the principal moments about its centre.
@@ -142,8 +141,8 @@ def _united(parts: list[Surface]) -> Surface:
 
 
 def cut(
-    triangles: Floats, tones: NDArray[np.int_], longest: float
-) -> tuple[Floats, NDArray[np.int_]]:
+    triangles: Array, tones: NDArray[np.int_], longest: float
+) -> tuple[Array, NDArray[np.int_]]:
     """Halve triangles (n, 3, 3) until no edge exceeds `longest`; return them and their tones."""
     while True:
         edges = np.linalg.norm(np.roll(triangles, -1, 1) - triangles, axis=2)
@@ -191,7 +190,7 @@ def revolve(*outline: tuple[float, float], around: int = AROUND) -> Surface:
 
 
 def _box(size: tuple[float, float, float]) -> Surface:
-    corners, faces, tones = list[Floats](), list[tuple[int, ...]](), list[int]()
+    corners, faces, tones = list[Array](), list[tuple[int, ...]](), list[int]()
     for axis in range(3):
         j, k = (axis + 1) % 3, (axis + 2) % 3
         for end in (1.0, -1.0):

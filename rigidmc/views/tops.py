@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.lagrange_top import analyse_lagrange_top
 from rigidmc.mechanics.rotation import to_space
 from rigidmc.planning.saves import ATTITUDE, AXIS
@@ -22,7 +23,6 @@ from rigidmc.results.labels import axis_label, with_units
 from rigidmc.views.attitudes import euler_of, saved_attitude
 from rigidmc.views.caps import cap_points, draw_cap, draw_on_cap, narrow_cap
 from rigidmc.views.closed_forms import (
-    Floats,
     draw_effective_potential,
     draw_turning_angles,
     euler_angles,
@@ -135,7 +135,7 @@ def angles(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
     return figure
 
 
-def _is_within_a_turn(t: Floats, attitude: Floats) -> bool:
+def _is_within_a_turn(t: Array, attitude: Array) -> bool:
     """Whether phi and psi minus their mean rates stay within a turn. The rates of a damped top
     change, and leave many turns, beside which theta in the same axes would be a straight line."""
     rests = [without_mean_rate(t, angle)[0] for angle in euler_curves(attitude)[1:]]

@@ -10,11 +10,11 @@ import numpy as np
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
 from rigidmc.inputs.amounts import count_text
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import name_of
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.planning.check import check_scene
-from rigidmc.planning.steps import Array
 from rigidmc.planning.tolerance.costs import Candidate, Choice, Costs
 from rigidmc.planning.tolerance.deviation import errors, measure_growth, upper_quantile
 from rigidmc.planning.tolerance.ladder import LADDERS, candidates, ladder, measure_candidate

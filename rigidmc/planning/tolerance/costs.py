@@ -14,12 +14,13 @@ from rigidmc.engine.kernel.layout import BLOCK
 from rigidmc.engine.program import Program
 from rigidmc.engine.program_spec import ProgramSpec
 from rigidmc.inputs.amounts import count_text
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.observables.protocol import size
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.initial import initial_block
-from rigidmc.planning.steps import Array, Clock, round_grid
+from rigidmc.planning.steps import Clock, round_grid
 from rigidmc.planning.tolerance.deviation import upper_quantile
 from rigidmc.planning.tolerance.pilot import OBSERVED, Pilot
 from rigidmc.scene.quantities import count_rows

@@ -8,11 +8,12 @@ from numpy.typing import ArrayLike
 from rigidmc.engine.formulas import energies
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import StepRange
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.physics.dynamics.euler import kinetic_energy
 from rigidmc.physics.dynamics.so3 import dot, vertical
 from rigidmc.physics.effects.sums import total_energy_scale
-from rigidmc.planning.steps import Array, physics
+from rigidmc.planning.steps import physics
 from rigidmc.planning.tolerance.pilot import (
     Pilot,
     PilotStates,

@@ -14,6 +14,7 @@ from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
 from rigidmc.engine.program_spec import ProgramSpec
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.effects.protocol import blank
 from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.observables import OBSERVABLES
@@ -22,7 +23,7 @@ from rigidmc.planning.initial import Source, initial_block, make_pilot, make_sam
 from rigidmc.planning.monitors import Monitors, make_monitors
 from rigidmc.planning.plan import driving_effects
 from rigidmc.planning.scheme import make_scheme
-from rigidmc.planning.steps import Array, Clock, count_member_steps, rate_bounds, round_grid
+from rigidmc.planning.steps import Clock, count_member_steps, rate_bounds, round_grid
 from rigidmc.planning.switches import cut_rows
 from rigidmc.processes.threads import Task, threads_of
 from rigidmc.scene.quantities import count_rows, is_shared

@@ -10,9 +10,9 @@ import numpy as np
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
 from rigidmc.inputs.amounts import count_text
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.integrators import integrators_for
 from rigidmc.planning.closed_form import ClosedMotion, closed_form
-from rigidmc.planning.steps import Array
 from rigidmc.planning.tolerance.deviation import errors, upper_quantile
 from rigidmc.planning.tolerance.pilot import (
     MOST_STEPS,

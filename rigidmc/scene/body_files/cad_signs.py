@@ -9,15 +9,14 @@ differ by m (c^2 1 - c c^T). Else its words decide, else the user.
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.errors import FileError, SceneError, unknown
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics import inertia
 from rigidmc.mechanics.impossible import opposite_products
 from rigidmc.scene.body_files.cad_text import Block, CadNumbers, read_lines
 from rigidmc.scene.body_files.rigid_parts import FoundBody, RigidPart
 
-Array = NDArray[np.float64]
 NOTATIONS, POINTS = ("positive", "negative"), ("centre", "pivot")
 _SLACK = 4.0  # roundings of several printed numbers add up
 

@@ -16,12 +16,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.errors import FileError
+from rigidmc.inputs.arrays import Array
 from rigidmc.scene.body_files.cad_units import INERTIA, LENGTH, MASS, find_unit
 
-Array = NDArray[np.float64]
 # at most 40 digits and two of the power, so that no product overflows
 _NUMBER = r"([-+]?(?:\d{1,40}\.?\d{0,40}|\.\d{1,40})(?:[eE][-+]?\d{1,2})?)(?=[\s,;)]|$)"
 _ELEMENT = re.compile(rf"\b([LIJ])([xyz])([xyz])\s*[=:]\s*{_NUMBER}")

@@ -1,15 +1,15 @@
 """The unit of a mesh file, which most formats do not contain: metres, or millimetres as in CAD."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.mesh import six_volumes
 
 LARGE = 10.0  # m: few bodies are larger, and few drawings in mm are smaller
 MATTER = (5.0, 23_000.0)  # kg/m3: from foam and thin boxes to osmium
 
 
-def guess_scale(triangles: NDArray[np.float64], mass: float | None) -> tuple[float, str]:
+def guess_scale(triangles: Array, mass: float | None) -> tuple[float, str]:
     """Return metres per unit of a mesh, and a note if the unit is not metres or not certain.
 
     triangles (n, 3, 3) : in the unit of the file
@@ -28,7 +28,7 @@ def guess_scale(triangles: NDArray[np.float64], mass: float | None) -> tuple[flo
     )
 
 
-def _by_density(triangles: NDArray[np.float64], mass: float | None) -> list[float]:
+def _by_density(triangles: Array, mass: float | None) -> list[float]:
     """Return the scales, 1 and 0.001, for which the mass makes a density of matter."""
     if not isinstance(mass, (int, float)) or not mass > 0.0:
         return []

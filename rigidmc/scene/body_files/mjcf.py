@@ -15,16 +15,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from rigidmc.errors import FileError
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics import rotation
-from rigidmc.scene.body_files.rigid_parts import (
-    UNMOVED,
-    Array,
-    Fixed,
-    FoundBody,
-    Pose,
-    RigidPart,
-    Tree,
-)
+from rigidmc.scene.body_files.rigid_parts import UNMOVED, Fixed, FoundBody, Pose, RigidPart, Tree
 from rigidmc.scene.body_files.xml_tree import numbers_of
 
 _ORIENTATIONS = {"quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}

@@ -12,13 +12,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.errors import FileError, SceneError, nearest
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics import inertia
 from rigidmc.mechanics.impossible import causes_text
 
-Array = NDArray[np.float64]
 _NAMES = 20  # of names in a message, and of notes
 
 

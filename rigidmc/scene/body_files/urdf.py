@@ -12,15 +12,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from rigidmc.errors import FileError
-from rigidmc.scene.body_files.rigid_parts import (
-    UNMOVED,
-    Array,
-    Fixed,
-    FoundBody,
-    Pose,
-    RigidPart,
-    Tree,
-)
+from rigidmc.inputs.arrays import Array
+from rigidmc.scene.body_files.rigid_parts import UNMOVED, Fixed, FoundBody, Pose, RigidPart, Tree
 from rigidmc.scene.body_files.xml_tree import numbers_of
 
 _SIX = ("ixx", "iyy", "izz", "iyz", "ixz", "ixy")

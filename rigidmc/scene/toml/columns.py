@@ -6,24 +6,22 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.errors import RigidmcError, SceneError, SceneWarning, rule_of, unknown
 from rigidmc.files.tables import TextColumn, read_number_table
 from rigidmc.files.trial import refuse_unreadable
+from rigidmc.inputs.arrays import Array
 
 SUFFIXES = (".csv", ".nc")
 _MOST = 6  # components of a variable
 
 
-def read_column(folder: str, file: str, name: str, at: str) -> NDArray[np.float64]:
+def read_column(folder: str, file: str, name: str, at: str) -> Array:
     """Return a column of a file as an array, see `read_columns`."""
     return read_columns(folder, file, [name], at)[0]
 
 
-def read_columns(
-    folder: str, file: str, names: list[str], at: str
-) -> tuple[NDArray[np.float64], ...]:
+def read_columns(folder: str, file: str, names: list[str], at: str) -> tuple[Array, ...]:
     """Return columns of a file as arrays; SceneError that names the file and its columns.
 
     CSV : separated by commas or semicolons, with the names of the columns in the first line, see
@@ -55,7 +53,7 @@ def read_columns(
     return tuple(_finite(columns[name], file, name, at) for name in names)
 
 
-def _finite(column: Any, file: str, name: str, at: str) -> NDArray[np.float64]:
+def _finite(column: Any, file: str, name: str, at: str) -> Array:
     """Return a column of finite numbers; SceneError that names its first bad row."""
     if isinstance(column, str):
         raise SceneError(column, at=at, value=f"{file}: {name}")
@@ -90,7 +88,7 @@ def _csv(path: str, file: str) -> dict[str, Any]:
     }
 
 
-def _rule_of_column(column: NDArray[np.float64] | TextColumn | None, name: str) -> Any:
+def _rule_of_column(column: Array | TextColumn | None, name: str) -> Any:
     """Return the numbers of a column, or why it has none."""
     if column is None:
         return (

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.rotation import product, quaternion, quaternion_from_euler
 from rigidmc.physics.dynamics.dual_arrays import DualArray, with_partials
 from rigidmc.physics.dynamics.functions import (
@@ -23,7 +24,6 @@ from rigidmc.physics.dynamics.so3 import arctan2, expm1, multiply
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Source, draw
 from rigidmc.scene.vector_distributions.protocol import (
-    Array,
     MemberFacts,
     VectorDistribution,
     concentration,

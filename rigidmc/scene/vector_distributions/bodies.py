@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.impossible import causes_text
 from rigidmc.mechanics.inertia import elements, symmetric
 from rigidmc.mechanics.log_cholesky import cholesky_factor, numbers_of, parameters_of, rates_of
@@ -16,7 +17,6 @@ from rigidmc.physics.dynamics.dual_arrays import as_array, has_tangents, plain_n
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Source, draw, is_shared
 from rigidmc.scene.vector_distributions.protocol import (
-    Array,
     MemberFacts,
     VectorDistribution,
     check_semidefinite,

@@ -7,13 +7,13 @@ import numpy as np
 
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.inertia import vectors_into
 from rigidmc.physics.dynamics.dual_arrays import as_array
 from rigidmc.physics.dynamics.functions import exponential_of
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Source, draw, is_seed
 from rigidmc.scene.vector_distributions.protocol import (
-    Array,
     Density,
     EquilibriumEnsemble,
     MemberFacts,

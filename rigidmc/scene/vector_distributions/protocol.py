@@ -7,16 +7,14 @@ from dataclasses import MISSING, dataclass, fields, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.errors import PartError, RigidmcError, SceneError
-from rigidmc.inputs.arrays import as_plain_arrays, floats
+from rigidmc.inputs.arrays import Array, as_plain_arrays, floats
 from rigidmc.inputs.labelled import Wanted
 from rigidmc.physics.dynamics.methods import implements, word_of
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.quantities import Source, quantity
 
-Array = NDArray[np.float64]
 Density = Callable[[Array], Array]  # of attitudes (4, n)
 
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from rigidmc.errors import SceneError
-from rigidmc.inputs.arrays import floats
+from rigidmc.inputs.arrays import Array, floats
 from rigidmc.inputs.labelled import Wanted
 from rigidmc.mechanics.inertia import skew_of, violates_triangle, why_impossible
 from rigidmc.scene.quantities import Source, count_rows, draw, is_shared
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution, about_centre
-from rigidmc.scene.vector_distributions.protocol import Array, check_semidefinite
+from rigidmc.scene.vector_distributions.protocol import check_semidefinite
 
 ELEMENTS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))  # xx, yy, zz, yz, zx, xy
 

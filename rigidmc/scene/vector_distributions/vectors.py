@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rigidmc.errors import SceneError
-from rigidmc.inputs.arrays import floats
+from rigidmc.inputs.arrays import Array, floats
 from rigidmc.inputs.labelled import Wanted
 from rigidmc.physics.dynamics.dual_arrays import square_root
 from rigidmc.physics.dynamics.functions import cosine, normal_quantile, sine
@@ -17,7 +17,6 @@ from rigidmc.physics.dynamics.so3 import sincos
 from rigidmc.scene.distributions import Distribution, uniform
 from rigidmc.scene.quantities import Source, draw
 from rigidmc.scene.vector_distributions.protocol import (
-    Array,
     MemberFacts,
     VectorDistribution,
     number,

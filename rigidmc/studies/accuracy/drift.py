@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.inputs.amounts import read_count, read_seconds
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.integrators import integrators_for
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.deviation import drift_along
@@ -92,7 +93,7 @@ def one_of_each_kind(scene: Scene) -> list[str]:
     return [name for name in able if name != "closed" and not by_name[name].drifts_like]
 
 
-def growth_law(steps: NDArray[np.int_], drift: NDArray[np.float64]) -> tuple[str, float]:
+def growth_law(steps: NDArray[np.int_], drift: Array) -> tuple[str, float]:
     """Return (law, power): drift ~ steps^power, fitted over the later half of the decades.
 
     The law is "bounded" for a power below 0.2 or a drift below 20 roundings, "sqrt" below 0.75,

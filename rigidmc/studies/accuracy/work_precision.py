@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError, unknown
 from rigidmc.inputs.amounts import read_count, two_digits
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.integrators import refusal
 from rigidmc.planning.tolerance.choose import check_pilot, check_quiet
 from rigidmc.planning.tolerance.costs import Candidate, Costs
@@ -26,7 +26,6 @@ from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.variables import StudyVariable, describe, make_dataset
 
-Array = NDArray[np.float64]
 FINEST = 1e-13  # the error at which a ladder ends: smaller errors are rounding
 DEAREST = 40.0  # a ladder also ends at this multiple of the cost of the cheapest rival
 WORDS = {

@@ -45,6 +45,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from rigidmc.errors import OptionError
+from rigidmc.inputs.arrays import Array
 from rigidmc.planning.initial import members_at_start, uncertain_numbers
 from rigidmc.results.labels import count_text
 from rigidmc.results.variables import variables_of
@@ -66,7 +67,6 @@ from rigidmc.studies.framework.options import REQUIRED, Options, Words, confiden
 from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
 
-Array = NDArray[np.float64]
 SAMPLE = 64  # families for each parameter, to compare distances with rounding
 RESOLVED = 8.0  # least distance, in units of the resolution: it is then known to an eighth
 LEAST = 10  # a fraction counts in the fit above this number of uncertain families

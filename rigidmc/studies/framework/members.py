@@ -11,10 +11,10 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning, warn
 from rigidmc.files.outputs import Path
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.euler_angles import TEXTBOOK, angle_names
 from rigidmc.physics.dynamics.body_axes import body_axes
 from rigidmc.physics.effects import label_effects
@@ -186,7 +186,6 @@ def _size(batch: int | Callable[[int], int], saves: int) -> int:
     return batch if isinstance(batch, int) else batch(saves)
 
 
-Array = NDArray[np.float64]
 # the run settings that a study of families leaves to the user
 TUNING = ("integrator", "dt", "turn", "t_end", "tolerance", "seed", "dtype", "compensated")
 KEPT = 64  # least memory of a member in a study [bytes]: a few numbers, and copies of them

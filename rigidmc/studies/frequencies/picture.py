@@ -3,13 +3,12 @@
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
+from rigidmc.inputs.arrays import Array
 from rigidmc.results.labels import in_symbols, label_of, with_degrees
 from rigidmc.views.figures import LIGHT, VALUES, figure_of, new_figure
 
-Array = NDArray[np.float64]
 LOWEST = 1e-14  # changes below it are rounding, and drawn as this
 FREQUENCY = "frequency[1]"
 

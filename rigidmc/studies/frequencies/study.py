@@ -39,6 +39,7 @@ from numpy.typing import NDArray
 from scipy.optimize import elementwise
 
 from rigidmc.errors import OptionError, nearest
+from rigidmc.inputs.arrays import Array
 from rigidmc.results.labels import column_head, count_text
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.scene import Scene
@@ -49,7 +50,6 @@ from rigidmc.studies.framework.options import REQUIRED, Options, option
 from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 
-Array = NDArray[np.float64]
 POWER = 3  # of the window: another line, n samples of the spectrum away, causes an error n^-8
 NOTHING = 1e-12  # of the signal: a smaller rest is rounding
 WIDTH = POWER + 1.0  # of a line, in periods over the time, to the first zero of the window

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from rigidmc.errors import OptionError, nearest
+from rigidmc.inputs.arrays import Array
 from rigidmc.results.labels import in_degrees, in_symbols, with_units
 from rigidmc.views.figures import VALUES, figure_of, new_figure
 
-Array = NDArray[np.float64]
 PIXELS = 500  # most pixels per side
 
 

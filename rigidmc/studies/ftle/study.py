@@ -42,9 +42,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.results.labels import count_text, value_text
 from rigidmc.runs.resources import refuse_count
@@ -57,7 +57,6 @@ from rigidmc.studies.framework.options import Options, option
 from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 
-Array = NDArray[np.float64]
 ALIKE = 1e-8  # least eigenvalue of independent changes; below it they differ by rounding alone
 STATE = "attitude", "omega"
 VARIABLES = (

@@ -4,12 +4,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.statistics.intervals import Interval, is_constant, mean
 
-Array = NDArray[np.float64]
 NEARBY = 30  # least number of members near a quantile
 NONE = Interval(math.nan, math.nan, math.nan)
 

@@ -17,9 +17,9 @@ from functools import partial
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.bath import Bath
@@ -32,7 +32,6 @@ from rigidmc.scene.parameters import value_at
 from rigidmc.scene.vector_distributions.ensembles import GibbsMomentum
 from rigidmc.scene.vector_distributions.vectors import Correlated, CorrelatedPart
 
-Array = NDArray[np.float64]
 Score = Callable[[Array], Array]  # of the drawn numbers (n,)
 Refusal = str
 MOVES = "moves an end of the support, where the density jumps"

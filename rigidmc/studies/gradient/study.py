@@ -54,6 +54,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, unknown
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.observables import saved_observables
 from rigidmc.results.labels import count_text
 from rigidmc.results.variables import saved_variables, variables_of
@@ -78,7 +79,6 @@ from rigidmc.studies.gradient import estimators
 from rigidmc.studies.gradient.question import ENDS, Asked, Question
 from rigidmc.studies.gradient.scores import scores_of_model, scores_of_noise
 
-Array = NDArray[np.float64]
 METHODS = "auto", "path", "score"
 FEW = 30.0  # effective members below which an interval of a mean is not reliable
 VARIABLES = (

@@ -10,11 +10,10 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.studies.linearise.motions import Problem, SteadyMotion, distinct, is_among
 
-Array = NDArray[np.float64]
 # a steady motion at the values of the grid, None where there is none
 Branch = list[SteadyMotion | None]
 HALVINGS = 32  # of an interval of the grid, where stability changes

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.linearise import steady
 from rigidmc.studies.linearise.stability import MOTION, Linearised, linearise_motions
 from rigidmc.studies.linearise.steady import SOLVED, States
 from rigidmc.studies.linearise.system import System, energy_of, find_symmetries, mechanics_of
 
-Array = NDArray[np.float64]
 SAME = 1e-5  # largest difference of signatures of one motion; double roots are found to 1e-7
 # largest change of the held momenta, where the motion is more symmetric than the start: a top that
 # starts at a tilt of 0.03 rad has L_z - L_3 of half the square, and none when it stands upright

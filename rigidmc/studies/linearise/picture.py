@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.results.labels import axis_label, count_text, in_symbols, long_label, with_degrees
 from rigidmc.studies.linearise.stability import MOTION
 from rigidmc.views.figures import (
@@ -23,7 +24,6 @@ from rigidmc.views.figures import (
     new_figure,
 )
 
-Array = NDArray[np.float64]
 UNSTABLE = ("saddle", "unstable spiral")
 ALIKE = 1e-6  # of curves or eigenvalues that symmetric motions share, relative to the largest
 APART = 0.06  # of the height of the axes, between labels

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eig
 from scipy.optimize import minimize_scalar
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.studies.linearise.steady import ALIKE, States, frames, moved, newton_steps, standing
 from rigidmc.studies.linearise.system import (
     System,
@@ -29,7 +30,6 @@ from rigidmc.studies.linearise.system import (
     space_to_body,
 )
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 MOTION, MOMENTUM, SYMMETRY = ORIGINS = ("motion", "momentum", "symmetry")
 # what an eigenvalue off the imaginary axis says of the full motion

@@ -17,8 +17,8 @@ from itertools import permutations, product
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.rotation import from_rotation_vector, quaternion_from_matrix
 from rigidmc.physics.dynamics.so3 import multiply
 from rigidmc.scene.sampling import points
@@ -33,7 +33,6 @@ from rigidmc.studies.linearise.system import (
     subalgebra,
 )
 
-Array = NDArray[np.float64]
 MOST = 60  # steps; 99 of 100 starts need at most 25
 SOLVED = 1e-12  # largest residual of a solution, in scaled units; rounding leaves 1e-14
 FLAT = 1e-12  # singular values below this fraction of the largest are rounding

@@ -41,9 +41,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.so3 import conjugate, into_body, multiply
 from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.processes.progress import say
@@ -60,7 +60,6 @@ from rigidmc.studies.linearise.motions import Problem, SteadyMotion
 from rigidmc.studies.linearise.stability import MOTION
 from rigidmc.studies.linearise.steady import frames
 
-Array = NDArray[np.float64]
 MOTIONS = (
     StudyVariable("attitude", "motion quat", "1", "attitude at t = 0"),
     StudyVariable("omega", "motion axis", "rad s-1", "angular velocity"),

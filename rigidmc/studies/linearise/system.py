@@ -23,11 +23,11 @@ Source: Marsden & Ratiu, Introduction to Mechanics and Symmetry (1999), 9 and 11
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.formulas import torques
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.dual_arrays import DualArray
 from rigidmc.physics.dynamics.euler import MassProperties, angular_velocity, free_rate
 from rigidmc.physics.dynamics.methods import argument_names
@@ -40,7 +40,6 @@ from rigidmc.planning.steps import physics
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
 
-Array = NDArray[np.float64]
 STATES = 12  # random states; 3 would determine the 7 numbers of a generator
 # of a singular value, in scaled units: rounding is below 1e-14, and gravity gradient on a body that
 # turns 1000 times an orbit is 1e-6

@@ -52,6 +52,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.planning.initial import make_pilot
 from rigidmc.planning.saves import longest_interval
 from rigidmc.planning.scheme import largest_rates
@@ -71,7 +72,6 @@ from rigidmc.studies.framework.tasks import Tasks
 from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
 from rigidmc.studies.lyapunov.tangents import COUNT, compute_members, kept_saves
 
-Array = NDArray[np.float64]
 # rad: turn of the fastest of the first members between two orthonormalisations, at the bound on its
 # rate. Near an unstable state changes grow at less than half this bound: in 12 rad by less than
 # e^6, so that the smallest tangent keeps 10 of 16 digits.

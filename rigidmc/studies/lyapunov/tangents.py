@@ -20,6 +20,7 @@ from rigidmc.engine.program import Program
 from rigidmc.engine.program_spec import Derivatives
 from rigidmc.engine.threads import run_blocks
 from rigidmc.errors import OptionError
+from rigidmc.inputs.arrays import Array
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import order_by_steps, rate_bounds
 from rigidmc.runs.assemble import make_program
@@ -27,7 +28,6 @@ from rigidmc.runs.blocks import BlockJob, steps_of
 from rigidmc.runs.directory.tasks import Request, TaskArrays
 from rigidmc.runs.prepare import PreparedRun
 
-Array = NDArray[np.float64]
 COUNT = 6  # dimensions of attitude and momentum
 # Bodies and effects do not change. In two passes a step takes 7.7 (rk4), 9.4 (rk8), 8.9 (strang)
 # and 9.2 (exact) times as long as without tangents; in one pass 8.5, 15.5, 9.9 and 9.7, because

@@ -4,10 +4,10 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from rigidmc.errors import OptionError, SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.scene.distributions import Distribution, Mixture, Truncated
 from rigidmc.scene.model import Model
@@ -17,7 +17,6 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 from rigidmc.scene.vector_distributions.vectors import Correlated, CorrelatedPart, whole_of
 
-Array = NDArray[np.float64]
 ROUNDING = 1e-9  # relative: asymmetry and negative variances of a covariance from rounding
 
 

@@ -7,13 +7,12 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
+from rigidmc.inputs.arrays import Array
 from rigidmc.results.labels import in_degrees, in_symbols, with_units
 from rigidmc.views.figures import COLOURS, GREY, INK, LIGHT, add_title, figure_of, new_figure
 
-Array = NDArray[np.float64]
 SIGMAS = 1.0, 2.0
 WIDEST = 4.0  # a wider linear ellipse, in widths of the ensemble, is cut: it would hide the members
 

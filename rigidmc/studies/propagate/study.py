@@ -49,6 +49,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.rotation import product, rotation_vector
 from rigidmc.planning.saves import first_and_last
 from rigidmc.processes.progress import reporter
@@ -72,7 +73,6 @@ from rigidmc.studies.propagate.covariance import (
     of_distributions,
 )
 
-Array = NDArray[np.float64]
 BATCH = 1024  # members computed at once; sums over them do not depend on threads
 KEPT = 1000  # most members of which deviations are kept, for the picture
 PANELS = 4  # saves at which they are kept

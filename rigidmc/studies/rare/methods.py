@@ -13,13 +13,13 @@ from scipy.special import ndtr, ndtri
 
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.streams import uniforms
+from rigidmc.inputs.arrays import Array
 from rigidmc.planning.initial import random_dimensions
 from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.segments import SegmentedRun
 from rigidmc.scene.sampling import FixedPoints, RandomDimension
 from rigidmc.studies.rare.score import Score
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 PARTS = 128  # parts of the run; members are scored and may branch at the end of each
 # Fraction of the members dropped at a level. The variance is 14 % above that of a vanishing

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import outputs
 from rigidmc.physics.observables.protocol import Event
@@ -18,7 +19,6 @@ from rigidmc.runs.segments import SegmentedRun
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.measures import Result, measure, save_for_measures
 
-Array = NDArray[np.float64]
 RULE = (
     "a noisy scene requires a quantity that only grows: p(NAME_max >= NUMBER),"
     " p(NAME_min <= NUMBER), or the count or first time of an event,"

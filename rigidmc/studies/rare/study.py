@@ -57,6 +57,7 @@ from scipy import stats
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError
 from rigidmc.inputs.amounts import read_count
+from rigidmc.inputs.arrays import Array
 from rigidmc.planning.initial import random_dimensions
 from rigidmc.results.labels import count_text
 from rigidmc.results.variables import variables_of
@@ -234,7 +235,7 @@ def reduce(
 
 
 def _interval(
-    p: NDArray[np.float64], deep: NDArray[np.bool_], request: Request, confidence: float
+    p: Array, deep: NDArray[np.bool_], request: Request, confidence: float
 ) -> tuple[float, float, float]:
     """Return (mean over the repetitions, ends of its interval).
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.rotation import euler
 from rigidmc.results.labels import axis_label, in_symbols, label_of, with_degrees, with_units
 from rigidmc.views.figures import COLOURS, INK, LIGHT, VALUES, add_title, figure_of, new_figure
@@ -95,7 +95,7 @@ def _chosen(study: xr.Dataset, x: str | None, y: str | None) -> tuple[str, str]:
     return x or first, y or second
 
 
-def _values(study: xr.Dataset, text: str) -> NDArray[np.float64]:
+def _values(study: xr.Dataset, text: str) -> Array:
     """Return the values of one axis; OptionError."""
     if text in EULER and "attitude" in study:
         return np.degrees(

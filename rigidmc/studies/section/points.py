@@ -21,6 +21,7 @@ from rigidmc.engine.inspection import refuse_uncompilable
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, SceneError, nearest
 from rigidmc.inputs.amounts import parse_seconds
+from rigidmc.inputs.arrays import Array
 from rigidmc.inputs.measured import in_units, quantity_text
 from rigidmc.physics.dynamics.body_axes import body_axes
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
@@ -35,7 +36,6 @@ from rigidmc.results.principal_axes import in_principal_axes
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.estimates import StateComponent, component_of, rows_in_time
 
-Array = NDArray[np.float64]
 # rad: the error of an rk8 step of this length is 1e-13, so that a section keeps the run's accuracy
 ARC = 0.2
 AGREED = 1e-11  # agreement with steps of half the length: attitude [rad], momentum relative

@@ -39,9 +39,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.planning.steps import MOST_STEPS
 from rigidmc.results.labels import count_text
@@ -60,7 +60,6 @@ from rigidmc.studies.section.points import (
     periodic,
 )
 
-Array = NDArray[np.float64]
 BYTES = 2**27  # saved states held at once
 POINT = 2 * 8 * 14  # bytes of a point, and a copy of it: member, time, state and a quantity
 

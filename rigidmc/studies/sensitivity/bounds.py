@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError
+from rigidmc.inputs.arrays import Array
 from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.scene.derivatives import derivative_name, parameter_names_of_derivatives
 from rigidmc.scene.distributions import Distribution, Truncated
@@ -27,8 +27,6 @@ from rigidmc.scene.model import Model
 from rigidmc.scene.parameters import value_at
 from rigidmc.scene.scene import Scene
 from rigidmc.statistics.measures import Measure
-
-Array = NDArray[np.float64]
 
 
 def constants(model: Model) -> dict[str, float]:

@@ -4,8 +4,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.results.labels import in_symbols
 from rigidmc.views.figures import CORE, INK, LIGHT, MEDIAN, figure_of, legend_above, new_figure
 
@@ -46,7 +46,7 @@ def sensitivity_bars(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     return figure_of(axes)
 
 
-def _draw_bounds(axes: Axes, bounds: NDArray[np.float64], limit: float) -> None:
+def _draw_bounds(axes: Axes, bounds: Array, limit: float) -> None:
     """Mark upper bounds beside the total indices; those beyond the axis by arrows at its end."""
     places = np.arange(bounds.size) - 0.2
     inside, label = bounds <= limit, "at most, by derivatives"

@@ -56,10 +56,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy import stats
 
 from rigidmc.errors import OptionError
+from rigidmc.inputs.arrays import Array
 from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.results.labels import count_text
 from rigidmc.results.variables import variables_of
@@ -72,7 +72,6 @@ from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.variables import StudyVariable, interval_of, make_dataset
 from rigidmc.studies.sensitivity.bounds import constants, squared_rates, with_derivatives
 
-Array = NDArray[np.float64]
 FEW = 10  # least number of families that differ, and of families for each control variate
 KINDS = ("p", "mean")  # measures that are means over members
 VARIABLES = (

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.free_top import analyse_free_top
 from rigidmc.physics.effects.dissipation import EnergyDissipation
 from rigidmc.physics.effects.gravity import Gravity
@@ -23,7 +23,6 @@ from rigidmc.scene.start import Start
 from rigidmc.scene.vector_distributions import Cone, Shell
 from rigidmc.studies.stability_map.question import MapCase, MapTheory
 
-Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 # Bodies that spin about their intermediate axis: the plane of all bodies with I2 = 1 kg m2

@@ -17,6 +17,7 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.observables.saving import CENSORED
 from rigidmc.results.labels import (
     count_text,
@@ -31,8 +32,7 @@ from rigidmc.studies.stability_map.question import MapCase
 from rigidmc.views.figures import ALARM, GREY, MEDIAN, Scale, colour_scale, new_figure
 
 BLANK = "#dddddd"  # pixels without a value of the measure
-Values = NDArray[np.float64]
-Edges = list[Values]  # of the pixels, along x and along y
+Edges = list[Array]  # of the pixels, along x and along y
 
 
 def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | None = None) -> Figure:
@@ -161,7 +161,7 @@ def _hatched(
 
 
 def _contours(
-    axes: Axes, ds: xr.Dataset, values: Values, levels: tuple[float, ...], words: str
+    axes: Axes, ds: xr.Dataset, values: Array, levels: tuple[float, ...], words: str
 ) -> Line2D:
     """Draw contour lines of values, labelled if there are several levels; return the handle for the
     legend."""
@@ -206,7 +206,7 @@ def _middles(contours: QuadContourSet, axes: Axes) -> list[tuple[float, float]]:
     return middles
 
 
-def _edges(coordinate: xr.DataArray) -> Values:
+def _edges(coordinate: xr.DataArray) -> Array:
     """Return the edges of pixels, halfway between their centres on a linear or log scale."""
     x = np.log(coordinate.values) if coordinate.attrs["log"] else coordinate.values
     # a single pixel is as wide as its value, or a factor of e on a log scale

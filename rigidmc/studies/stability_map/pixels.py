@@ -8,6 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import STATUSES
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.observables.saving import CENSORED, FOLLOWED
 from rigidmc.results.variables import Variable
 from rigidmc.scene.parameters import unit_at
@@ -36,7 +37,7 @@ class Pixels(NamedTuple):
     counts : (3, pixels): good members, failed members, members with an impossible body or start
     """
 
-    intervals: dict[str, NDArray[np.float64]]
+    intervals: dict[str, Array]
     counts: NDArray[np.int32]
 
     def at(self, source: NDArray[np.int64]) -> "Pixels":

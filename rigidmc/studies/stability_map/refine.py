@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import LANES
 from rigidmc.errors import OptionError, unknown
+from rigidmc.inputs.arrays import Array
 from rigidmc.statistics.measures import Measure
 from rigidmc.studies.stability_map.pixels import Pixels
 from rigidmc.studies.stability_map.question import Borders, MapRequest
@@ -121,7 +122,7 @@ def _around(shape: tuple[int, int, int], stride: int) -> tuple[list[Ints], list[
     return [place // 2 for place in places], above
 
 
-def _unlike(classes: NDArray[np.float64]) -> Bools:
+def _unlike(classes: Array) -> Bools:
     """Return whether a pixel differs from one of its eight neighbours in one of its classes."""
     wide = np.pad(classes, ((0, 0), (0, 0), (1, 1), (1, 1)), mode="edge")
     rows, columns = classes.shape[2:]
@@ -130,7 +131,7 @@ def _unlike(classes: NDArray[np.float64]) -> Bools:
     return found
 
 
-def _classes(request: MapRequest, pixels: Pixels) -> tuple[NDArray[np.float64], Bools]:
+def _classes(request: MapRequest, pixels: Pixels) -> tuple[Array, Bools]:
     """Return (classes of the pixels (measures, pixels), whether all classes of a pixel are
     certain).
 
@@ -152,7 +153,7 @@ def _classes(request: MapRequest, pixels: Pixels) -> tuple[NDArray[np.float64], 
     return np.array(classes), sure
 
 
-def _equal_parts(request: MapRequest, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _equal_parts(request: MapRequest, values: Array) -> Array:
     """Return the borders of CLASSES equal parts of the range of the first pixels."""
     shape = request.layers, request.rows, request.columns
     first = values.reshape(shape)[:, ::STRIDE, ::STRIDE]

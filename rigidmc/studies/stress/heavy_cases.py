@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.euler_rates import omega_from_euler_rates
 from rigidmc.mechanics.rotation import from_euler, matrix
 from rigidmc.physics.dynamics.so3 import vertical
@@ -16,7 +17,6 @@ from rigidmc.studies.stress.case import Comparison, HardCase, group, makes_steps
 from rigidmc.studies.stress.motions import (
     HANGING,
     UPRIGHT,
-    Values,
     direction,
     invariants,
     largest_change,
@@ -142,9 +142,7 @@ def integrable_tops() -> Iterator[HardCase]:
     )
 
 
-def kovalevskaya_constant(
-    body: Any, effects: Any, q: Values, l: Values
-) -> list[tuple[Values, Values]]:
+def kovalevskaya_constant(body: Any, effects: Any, q: Array, l: Array) -> list[tuple[Array, Array]]:
     """Return energy, L_z and |(w1 + i w2)^2 - (k/C)(u1 + i u2)|^2, for A = B = 2 C."""
     u, w1, w2 = vertical(q), l[0] * body.i1, l[1] * body.i2
     real = w1 * w1 - w2 * w2 - body.p1 * body.i3 * u[0]
@@ -153,9 +151,7 @@ def kovalevskaya_constant(
     return [*invariants(body, effects, q, l), (value, np.abs(value[0]))]
 
 
-def goryachev_constant(
-    body: Any, effects: Any, q: Values, l: Values
-) -> list[tuple[Values, Values]]:
+def goryachev_constant(body: Any, effects: Any, q: Array, l: Array) -> list[tuple[Array, Array]]:
     """Return energy, L_z and L3 (L1^2 + L2^2) - 4 k C L1 u3, for A = B = 4 C and L_z = 0."""
     u = vertical(q)
     value = l[2] * (l[0] * l[0] + l[1] * l[1]) - 4.0 * body.p1 / body.i3 * l[0] * u[2]
@@ -183,7 +179,7 @@ def grioli_precession() -> Comparison:
     alpha, beta = nu**2 * j / k, -(nu**2) * d / k
     x1, x2 = np.array((e[2], 0.0, -e[0])), np.array((0.0, 1.0, 0.0))
 
-    def motion(t: Values) -> tuple[Values, Values]:
+    def motion(t: Array) -> tuple[Array, Array]:
         """Return (L, vertical) in body axes at times t, each (3, times)."""
         p = -nu * t
         omega = nu * (np.cos(p) * x1[:, None] + np.sin(p) * x2[:, None] + e[:, None])

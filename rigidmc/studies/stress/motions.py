@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rigidmc.engine.formulas import energies
 from rigidmc.errors import SceneWarning
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.physics.dynamics.euler import kinetic_energy
 from rigidmc.physics.dynamics.so3 import dot, vertical
@@ -34,7 +35,6 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.stress.case import Comparison, makes_steps
 
-Values = NDArray[np.float64]
 # rotation of the fastest member per step [rad], by the order of the integrator
 TURNS = {2: 0.01, 4: 0.05, 6: 0.12, 8: 0.25, math.inf: 0.12}
 
@@ -98,7 +98,7 @@ def staged_physics(scene: Scene, members: int) -> tuple[Any, Any]:
     return body, effects
 
 
-def states(ds: xr.Dataset) -> tuple[Values, Values]:
+def states(ds: xr.Dataset) -> tuple[Array, Array]:
     """Return (attitude (times, 4, members), momentum (times, 3, members)) of a result."""
     return ds.attitude.values, ds.momentum.values
 
@@ -109,7 +109,7 @@ def worst(ds: xr.Dataset, values: ArrayLike) -> float:
     return float(np.max(np.where(ds.status.values == 0, finite, math.inf)))
 
 
-def distance(q: Values, l: Values, true_q: Values, true_l: Values) -> Values:
+def distance(q: Array, l: Array, true_q: Array, true_l: Array) -> Array:
     """Return the larger error of momentum [relative] and attitude [rad], (times, members), of
     `states`."""
     unit = np.max(np.abs(true_l)) or 1.0  # keeps squares from overflow and underflow
@@ -117,12 +117,12 @@ def distance(q: Values, l: Values, true_q: Values, true_l: Values) -> Values:
     # where L is 0, the error is relative to the largest |L|
     off = np.linalg.norm((l - true_l) / unit, axis=1) / np.where(size > 0.0, size, 1.0)
     angle = attitude_error(np.moveaxis(q, 1, -1), np.moveaxis(true_q, 1, -1))
-    apart: Values = np.maximum(off, angle)
+    apart: Array = np.maximum(off, angle)
     return apart
 
 
 # quantities(body, effects, q, l) -> [(values (..., times, members), scale (members))]
-Quantities = Callable[[Any, Any, Values, Values], list[tuple[Values, Values]]]
+Quantities = Callable[[Any, Any, Array, Array], list[tuple[Array, Array]]]
 
 
 def largest_change(
@@ -153,7 +153,7 @@ def largest_change(
     return Comparison(error, "invariants", scene.effects, makes_steps)
 
 
-def invariants(body: Any, effects: Any, q: Values, l: Values) -> list[tuple[Values, Values]]:
+def invariants(body: Any, effects: Any, q: Array, l: Array) -> list[tuple[Array, Array]]:
     """Return energy and |L|^2 of a free body; energy and L_z under gravity."""
     play = kinetic_energy(body, l[:, 0]) + total_energy_scale(effects, body)
     energy = kinetic_energy(body, l) + energies(effects, body, q)
@@ -163,7 +163,7 @@ def invariants(body: Any, effects: Any, q: Values, l: Values) -> list[tuple[Valu
     return [(energy, play), (dot(l, vertical(q)), largest)]
 
 
-def direction(body: Any, effects: Any, q: Values, l: Values) -> list[tuple[Values, Values]]:
+def direction(body: Any, effects: Any, q: Array, l: Array) -> list[tuple[Array, Array]]:
     """Return L in body axes, and under gravity the vertical: constant in a permanent rotation."""
     momentum = np.array(l), np.sqrt(dot(l[:, 0], l[:, 0]))
     return [momentum, (np.array(vertical(q)), np.ones(l.shape[-1]))] if effects else [momentum]
@@ -226,13 +226,13 @@ def lean_by(theta: float) -> tuple[float, float, float, float]:
     return math.cos(0.5 * theta), math.sin(0.5 * theta), 0.0, 0.0
 
 
-def rotation_about(axis: Values, angle: float) -> Values:
+def rotation_about(axis: Array, angle: float) -> Array:
     """Return the quaternion of a rotation by an angle [rad] about an axis of any length."""
     vector = math.sin(0.5 * angle) * axis / np.linalg.norm(axis)
     return np.array([math.cos(0.5 * angle), *vector])
 
 
-def random_tops(count: int = 32, seed: int = 1) -> tuple[Values, Values]:
+def random_tops(count: int = 32, seed: int = 1) -> tuple[Array, Array]:
     """Return (moments, momenta) of random bodies of unit size and spin, one row each."""
     random = np.random.default_rng(seed)
     second = random.uniform(0.1, 1.0, (count, 3))

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
+from rigidmc.inputs.arrays import Array
 from rigidmc.results.labels import count_text
 from rigidmc.studies.stress import groups
 from rigidmc.studies.stress.hard_cases import AMBER, VERDICTS
@@ -63,7 +63,7 @@ def _counts(study: xr.Dataset) -> str:
     )
 
 
-def _sheet(study: xr.Dataset, ratio: NDArray[np.float64]) -> Table:
+def _sheet(study: xr.Dataset, ratio: Array) -> Table:
     """Return the table of error / bound: a row for each case, a column for each integrator."""
     sheet = Table(
         "case",

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.dynamics.methods import argument_names
@@ -38,7 +38,7 @@ _CYCLE = (0.5, 0.5, 0.5, 0.5)  # body axes relabelled 1 -> 3 -> 2
 _BACK = (0.5, -0.5, -0.5, -0.5)  # and back
 _ABOUT_VERTICAL = (math.cos(0.7), 0.0, 0.0, math.sin(0.7))  # a rotation of space by 1.4 rad
 
-Errors = NDArray[np.float64]  # (times, members)
+Errors = Array  # (times, members)
 
 
 class Check(NamedTuple):
@@ -150,7 +150,7 @@ class Runs:
         back = np.stack(multiply(inverse, tuple(np.moveaxis(states.q, 1, 0))), 1)
         yield "turned space", states._replace(q=back)
 
-    def from_block(self, block: NDArray[np.float64]) -> PilotStates:
+    def from_block(self, block: Array) -> PilotStates:
         """Return the PilotStates of the pilot from the start in a block."""
         return self.follow(self.pilot._replace(block=block), self.integrator, self.steps)
 

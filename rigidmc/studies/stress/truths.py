@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from rigidmc.errors import RigidmcError
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.free_top import analyse_free_top
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.physics.integrators import integrators_for
@@ -20,11 +21,11 @@ from rigidmc.planning.unit_scale import UnitScale, choose_units, scale_scene
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.stress.case import Claim, Comparison, makes_steps, reversible
-from rigidmc.studies.stress.motions import Values, distance, run, states, tops, worst
+from rigidmc.studies.stress.motions import distance, run, states, tops, worst
 from rigidmc.studies.stress.problems import Problem
 
 
-def closed_states(scene: Scene, ds: xr.Dataset) -> tuple[Values, Values]:
+def closed_states(scene: Scene, ds: xr.Dataset) -> tuple[Array, Array]:
     """Return (attitude, momentum) from the closed form at the times of a Dataset."""
     units = choose_units(scene) or UnitScale(1.0, 1.0)
     inner = scale_scene(scene, units.mass, 1.0, units.time)

@@ -6,13 +6,13 @@ from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import StepRange, record_type
 from rigidmc.engine.wasm.fused import EXACT, LANES, ONE, RELAXED
 from rigidmc.engine.wasm.program import STACK, WasmProgram
 from rigidmc.errors import OptionError
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.integrators import TurnBounds, scheme_of
 from rigidmc.planning.initial import noise_keys
 from rigidmc.planning.plan import Plan
@@ -28,7 +28,6 @@ PLACES = 3  # saves: at the start, after a call, and before the first of a call
 # or 0.1 rad
 SLACK, LEAST_TURN = 1.3, 0.1
 SMOOTH_TURN = 0.2  # of a step [rad], if a tolerance chooses it: of 2 rad the charts are polygons
-Floats = NDArray[np.float64]
 
 
 class LiveRun(NamedTuple):
@@ -39,8 +38,8 @@ class LiveRun(NamedTuple):
     """
 
     run: PreparedRun
-    block: Floats
-    start: dict[str, Floats]
+    block: Array
+    start: dict[str, Array]
 
 
 def live_run(scene: Scene, members: int) -> LiveRun:

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.euler_angles import TEXTBOOK
 from rigidmc.physics.effects import name_of
 from rigidmc.physics.integrators.protocol import follows_turns
@@ -122,7 +122,7 @@ def saving_data(live: LiveRun, slider: Slider) -> dict[str, Any]:
     return facts | {"locations": []}
 
 
-def _spread(live: LiveRun, slider: Slider) -> NDArray[np.float64] | None:
+def _spread(live: LiveRun, slider: Slider) -> Array | None:
     try:
         values = {slider.name: _from_zero(slider.source)}
         model = with_parameters(live.run.scene.model, values)

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, SceneError, unknown
+from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.physics.effects import label_effects
@@ -22,7 +22,6 @@ from rigidmc.scene.stated import Stated, refused_numbers
 from rigidmc.scene.units import hint_of_units, in_si
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
-Floats = NDArray[np.float64]
 Range = tuple[float | str, float | str]  # a text may have a unit, as "60 deg"
 WIDE = 3.0  # a slider reaches from a third of its number to three times it
 _LETTERS = {"phi": "φ", "theta": "θ", "psi": "ψ"}
@@ -67,14 +66,14 @@ class Slider(NamedTuple):
     component: int
     usual: bool = True
 
-    def numbers(self, start: Mapping[str, Floats]) -> Floats:
+    def numbers(self, start: Mapping[str, Array]) -> Array:
         """Return the numbers of members, from those they are built from."""
-        values: Floats = np.atleast_2d(start[self.array])[self.component]
+        values: Array = np.atleast_2d(start[self.array])[self.component]
         return values
 
 
 def make_sliders(
-    model: Model, start: Mapping[str, Floats], asked: Mapping[str, Range | None] | None
+    model: Model, start: Mapping[str, Array], asked: Mapping[str, Range | None] | None
 ) -> list[Slider]:
     """Return the sliders of a page.
 
@@ -163,7 +162,7 @@ def _refusals(model: Model) -> dict[str, str]:
     return refused
 
 
-def _all(model: Model, start: Mapping[str, Floats]) -> list[Slider]:
+def _all(model: Model, start: Mapping[str, Array]) -> list[Slider]:
     """Return all sliders that a model can have."""
     refused, made = tuple(_refusals(model)), list[Slider]()
     spin = float(np.abs(start[f"start_{model.start.spin_name}"]).max())
@@ -212,7 +211,7 @@ def rows_of_effects(effects: Sequence[Any]) -> dict[str, range]:
     return rows
 
 
-def _ends(kind: str, number: float, values: Floats, spin: float) -> tuple[float, float]:
+def _ends(kind: str, number: float, values: Array, spin: float) -> tuple[float, float]:
     """Return the ends of a slider around its number; spin : largest component of the spin."""
     if kind == "spin" and abs(number) < 0.1 * spin:
         return -0.3 * spin, 0.3 * spin
@@ -226,7 +225,7 @@ def _ends(kind: str, number: float, values: Floats, spin: float) -> tuple[float,
 
 
 def _possible(
-    start: Mapping[str, Floats], k: int, number: float, low: float, high: float
+    start: Mapping[str, Array], k: int, number: float, low: float, high: float
 ) -> tuple[float, float]:
     """Return the part of a slider of moment k where all members can exist, with their other moments
     J about the centre of mass: ``|J_i - J_j| <= J_k <= J_i + J_j``.

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib import colormaps
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError
+from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.body_axes import body_axes
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.gravity_gradient import GravityGradient, place
@@ -35,8 +36,6 @@ POINTS = 1000  # points of a drift curve
 DENSITIES, MEMBERS = 60, 2000  # times and members of the density
 WIDTH = 0.12  # rad: standard deviation of the kernel of the density
 GRID = 37, 72  # rows and columns of the density, 5 degrees apart: less than the kernel
-
-Floats = NDArray[np.float64]
 
 
 def to_base64(values: ArrayLike) -> dict[str, Any]:
@@ -89,7 +88,7 @@ def unseen(shown: xr.Dataset) -> str:
     )
 
 
-def _fastest(shown: xr.Dataset) -> Floats:
+def _fastest(shown: xr.Dataset) -> Array:
     """Return the largest rate of attitude and momentum of a member (1,) [rad/s]."""
     return np.maximum(fastest(shown, ATTITUDE), fastest(shown, BODY))
 
@@ -146,7 +145,7 @@ def status_of(ds: xr.Dataset, member: int) -> str:
     return next(word for word, number in STATUSES.items() if number == code)
 
 
-def _continuous(q: Floats) -> Floats:
+def _continuous(q: Array) -> Array:
     """Choose the signs of quaternions (times, 4) without jumps."""
     flips = np.sign(np.einsum("ti,ti->t", q[1:], q[:-1]))
     return q * np.cumprod(np.concatenate([[1.0], np.where(flips < 0.0, -1.0, 1.0)]))[:, None]
@@ -277,7 +276,7 @@ def _side(coordinate: xr.DataArray) -> dict[str, Any]:
 
 
 def _measure(ds: xr.Dataset, name: str) -> dict[str, Any]:
-    values: NDArray[np.float64] = ds[name].values
+    values: Array = ds[name].values
     cmap, norm, _ = colour_scale(name, values, {})
     map_of = colormaps[cmap] if isinstance(cmap, str) else cmap
     table = (np.array([map_of(k / 255.0)[:3] for k in range(256)]) * 255.0).round().astype(int)
