@@ -5,7 +5,6 @@
 
 import ast
 import io
-import re
 import tokenize
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -15,23 +14,8 @@ from typing import Any, NamedTuple
 # Names of the package, which a move may change.
 SCENE = "Scene"
 SCENE_BASES = ("Parts",)  # base classes of Scene: an object of them is a scene too
-# owners of a `dt` other than a run's: an object itself, rows of tables, candidates of a tolerance
-DT_OF_OTHERS = {"self", "row", "w", "way", "candidate", "choice"}
-CACHED_OF_SCENE = {"scene", "dimensions"}  # dimensions: of its random numbers
-CONTEXT_OF_OTHERS = {"announced", "end"}  # of shown progress; of the time limit for work
-STUDY = "ftle"
-READING = {  # {tree: files to read there to understand a kernel}
-    "1f1805b": """
-        engine/__init__ engine/program engine/compose engine/pieces engine/frame engine/cpu
-        engine/march engine/member engine/layout engine/kinds engine/memory engine/numbers
-        engine/intrinsics engine/pipeline engine/lean engine/fused
-        integrators/rk4 integrators/protocol integrators/form dynamics/methods""",
-    "asked": """
-        engine/__init__ physics/integrators/rk4 engine/kernel/arguments engine/kernel/layout
-        engine/kernel/member engine/kernel/march engine/kernel/block""",
-}
 
-SMALL, LONG_FILE, LONG_FUNCTION, MANY_PARAMETERS = 60, 400, 90, 10
+LONG_FILE, LONG_FUNCTION, MANY_PARAMETERS = 400, 90, 10
 
 
 def _words(text: str) -> frozenset[str]:
@@ -60,7 +44,7 @@ class Source(NamedTuple):
     module: str
     lines: list[str]
     tree: ast.Module
-    nodes: list[ast.AST]  # stored, because twelve measures use them: 2 of 4 s
+    nodes: list[ast.AST]  # stored, because the measures share them: 2 of 4 s
 
     @property
     def is_init(self) -> bool:
@@ -86,9 +70,6 @@ def read_sources(root: Path) -> Sources:
         tree = ast.parse(text)
         sources.append(Source(below, module, text.splitlines(), tree, [*ast.walk(tree)]))
     return sources
-
-
-# ---- lines
 
 
 def docstring_lines(source: Source) -> set[int]:
@@ -145,50 +126,9 @@ def count_lines(sources: Sources) -> Lines:
     return total
 
 
-# ---- files and names
-
-
-def small_files(sources: Sources) -> list[str]:
-    """Return files up to SMALL lines, without `__init__`."""
-    return [str(one.path) for one in sources if len(one.lines) <= SMALL and not one.is_init]
-
-
 def long_files(sources: Sources) -> list[str]:
     """Return files over LONG_FILE lines."""
     return [str(one.path) for one in sources if len(one.lines) > LONG_FILE]
-
-
-def files_of_study(repository: Path, package: str, study: str) -> list[str]:
-    """Return files of a repository that name a study."""
-    kinds = {".py", ".pyi", ".md", ".toml", ".csv", ".ipynb"}
-    files = [repository / "CHANGELOG.md"]
-    for folder in (package, "docs", "tests"):
-        files += (path for path in (repository / folder).rglob("*") if path.suffix in kinds)
-    return sorted(
-        str(path.relative_to(repository))
-        for path in files
-        if path.is_file() and "_build" not in path.parts and study in path.read_text("utf-8")
-    )
-
-
-def reading_list(sources: Sources) -> list[Source | None]:
-    """Return the files that explain a kernel, from the list that fits this tree best; None for each
-    missing one."""
-    lists = [[find_file(name, sources) for name in names.split()] for names in READING.values()]
-    return max(lists, key=lambda files: sum(one is not None for one in files) / len(files))
-
-
-def find_file(name: str, sources: Sources) -> Source | None:
-    """Find a file by its path, by the end of its path if it moved, or by name in its package."""
-    paths = {one.path.with_suffix("").as_posix(): one for one in sources}
-    room, _, stem = name.partition("/")
-    ways = (
-        lambda path: path == name,
-        lambda path: path.endswith(f"/{name}"),
-        lambda path: path.startswith(f"{room}/") and path.endswith(f"/{stem}"),
-    )
-    found = (one for fits in ways for path, one in paths.items() if fits(path))
-    return next(found, None)
 
 
 def names_of(source: Source, kind: Any) -> list[str]:
@@ -283,58 +223,3 @@ def long_functions(sources: Sources) -> list[str]:
     return functions_with(
         sources, lambda one: (one.end_lineno or 0) - one.lineno + 1 > LONG_FUNCTION
     )
-
-
-def readers_of_dt(sources: Sources) -> list[str]:
-    """Return files that read the step of a run."""
-
-    def reads(node: ast.AST) -> bool:
-        if not (isinstance(node, ast.Attribute) and node.attr == "dt"):
-            return False
-        return isinstance(node.ctx, ast.Load) and last_name(node.value) not in DT_OF_OTHERS
-
-    return [str(one.path) for one in sources if any(map(reads, one.nodes))]
-
-
-def last_name(node: ast.AST) -> str:
-    """Return the last word of a dotted name, call or item: `costs` of `self.costs(x)[0]`."""
-    while isinstance(node, (ast.Call, ast.Subscript)):
-        node = node.func if isinstance(node, ast.Call) else node.value
-    if isinstance(node, ast.Attribute):
-        return node.attr
-    return node.id if isinstance(node, ast.Name) else ""
-
-
-def scene_caches(sources: Sources) -> list[str]:
-    """Return places that store something on a scene, or for a scene: "file: cache"."""
-    found = []
-    for source in sources:
-        home = "once" in names_of(source, Functions)
-        for node in source.nodes:
-            found += [f"{source.path}: {what}" for what in caches_of(node, home)]
-    return found
-
-
-def caches_of(node: ast.AST, home: bool) -> Iterator[str]:
-    """Yield the scene caches that one node creates; home : whether its file defines `once`."""
-    if isinstance(node, Functions):
-        for decorator in map(last_name, node.decorator_list):
-            if decorator == "once":
-                yield f"@once {node.name}"
-            if decorator in ("cache", "lru_cache") and {*parameters(node)} & CACHED_OF_SCENE:
-                yield f"@{decorator} {node.name}"
-    elif isinstance(node, ast.ClassDef) and node.name in (SCENE, *SCENE_BASES):
-        for method in (one for one in node.body if isinstance(one, Functions)):
-            if "cached_property" in map(last_name, method.decorator_list):
-                yield f"@cached_property {method.name}"
-    elif isinstance(node, (ast.Assign, ast.AnnAssign)) and isinstance(node.value, ast.Call):
-        made = last_name(node.value)
-        text = ast.unparse(node)  # with the type: WeakKeyDictionary[Scene, ...]
-        target = node.targets[0] if isinstance(node, ast.Assign) else node.target
-        name = ast.unparse(target)
-        if made == "WeakKeyDictionary" and ("[" not in text or f"[{SCENE}" in text):
-            yield f"WeakKeyDictionary {name}"
-        if made == "ContextVar" and not CONTEXT_OF_OTHERS & {*re.findall(r"[a-z]+", text)}:
-            yield f"ContextVar {name}"
-    elif not home and isinstance(node, ast.Attribute) and node.attr == "__dict__":
-        yield from ["scene.__dict__"] * (last_name(node.value) == "scene")

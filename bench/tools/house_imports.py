@@ -1,20 +1,11 @@
-"""Import graph of a package, and the entries of its registries, for `bench.house`."""
+"""Import graph of a package, for `bench.house`."""
 
 import ast
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
 
-from bench.tools.house_counts import (
-    SCENE,
-    Source,
-    Sources,
-    names_of,
-    public_functions,
-    shared_names,
-    small_files,
-)
+from bench.tools.house_counts import SCENE, Source, Sources, names_of
 
 
 def read_layers(pyproject: Path, package: str) -> list[list[str]]:
@@ -111,74 +102,3 @@ def importers_of_scene(sources: Sources) -> list[str]:
             for node in one.nodes
         )
     ]
-
-
-def registry_entries(sources: Sources) -> dict[str, str]:
-    """Return {module: the registry that names it}; the package's own `__init__` does not count."""
-    modules = {one.module for one in sources}
-    entries: dict[str, str] = {}
-    for source in (one for one in sources if "." in one.module):
-        for node in source.tree.body:
-            if isinstance(node, ast.ImportFrom) and source.is_init:
-                found = set(imported_entries(node, source, modules))
-            elif isinstance(node, (ast.Assign, ast.AnnAssign)):
-                found = set(named_entries(node, source, modules))
-            else:
-                continue
-            entries |= dict.fromkeys(found - {source.module}, source.module)
-    return entries
-
-
-def imported_entries(node: ast.ImportFrom, source: Source, modules: set[str]) -> list[str]:
-    """Return modules that an import of an `__init__` names as entries."""
-    known = node.module or ""
-    if known in modules and any(name.name == name.asname for name in node.names):
-        return [known] * known.startswith(source.module + ".")
-    own = [f"{known}.{name.name}" for name in node.names] if known == source.module else []
-    own = [name for name in own if name in modules]
-    return own if len(own) >= 3 else []
-
-
-def named_entries(node: ast.Assign | ast.AnnAssign, source: Source, modules: set[str]) -> list[str]:
-    """Return modules that a constant, NAMES = (...), names as entries."""
-    target = node.targets[0] if isinstance(node, ast.Assign) else node.target
-    if not (isinstance(target, ast.Name) and target.id.isupper()):
-        return []
-    value = node.value
-    sides: list[list[Any]] = []
-    if isinstance(value, ast.Dict):
-        sides = [value.keys, value.values]
-    elif isinstance(value, (ast.Tuple, ast.List, ast.Set)):
-        sides = [value.elts]
-    below = {name.rpartition(".")[0] for name in modules if name.startswith(source.package + ".")}
-    near = [name for name in below if name.count(".") <= source.package.count(".") + 1]
-    for side in sides:
-        words = [one.value for one in side if isinstance(one, ast.Constant)]
-        words = [word for word in words if isinstance(word, str)]
-        if not words or len(words) < len(side):
-            continue
-        for folder in ("", *near):
-            found = {f"{folder}.{word}" if folder else word for word in words}
-            if len(found) >= 3 and found <= modules:
-                return sorted(found)
-    return []
-
-
-def plain_small_files(sources: Sources) -> list[str]:
-    """Return small files that are not entries of a registry."""
-    entries = registry_entries(sources)
-    known = {str(one.path) for one in sources if one.module in entries}
-    return [path for path in small_files(sources) if path not in known]
-
-
-def different_names(sources: Sources) -> list[str]:
-    """Return shared names with several meanings: neither of one registry, nor of files of one
-    name."""
-    entries, public = registry_entries(sources), public_functions(sources)
-    found = []
-    for name in shared_names(sources):
-        registries = {entries.get(one.module, one.module) for one in public[name]}
-        stems = {one.module if one.is_init else one.path.stem for one in public[name]}
-        if len(registries) > 1 and len(stems) > 1:
-            found.append(name)
-    return found

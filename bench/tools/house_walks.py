@@ -1,4 +1,4 @@
-"""Walks through a running package, and its times, for `bench.house`.
+"""Walks through a running package, for `bench.house`.
 
 `bench.house` defines how each is counted.
 """
@@ -6,22 +6,18 @@
 import _thread
 import contextlib
 import copy
-import dis
 import io
 import linecache
 import os
-import statistics
 import sys
 import tempfile
 import threading
-import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from functools import cache, partial
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
-from types import CodeType, FrameType
+from types import FrameType
 from typing import Any, NamedTuple
 
 from bench.tools.house_counts import SCENE, SCENE_BASES
@@ -31,15 +27,9 @@ SCENES = {SCENE, *SCENE_BASES}
 ERRORS = {"RigidmcError", "ValidationError", "ValueError"}
 ENTRY = ("rigidmc.cli", "main")  # the function that the command line calls
 PATH_SCENE = "heavy_top"
-LOOP_SCENES = ("dzhanibekov", "hyperion")
-# parameters that may hold a member's state: attitude and momentum, or everything stored of it
-STATE = {"q", "l", "state", "block", "rows", "frame", "flat", "member", "moving", "work"}
-# an observable by its classes (the other ones are its compiled parts); and its name
-OBSERVABLE, OBSERVABLE_NAME = {"Flips", "Component", "FlipLevel"}, "flips"
 
-MOST, DEEP = 32, 3  # elements of a collection that are inspected; nesting of collections
-MANY, STEPS = 4096, 10  # members with values, and their steps: the kernel uses a third of the time
-WALKS = ("scene", "dt", "state", "observable", "parameter", "error")
+MOST = 32  # elements of a collection that are inspected
+WALKS = ("scene", "parameter", "error")
 PARAMETER = "effects.gravity.g"  # by which a run of PATH_SCENE differentiates
 
 
@@ -139,24 +129,10 @@ def sees_kinds(kinds: set[str], depth: int = 1) -> Callable[[FrameType], str]:
     )
 
 
-def is_any(_: FrameType) -> str:
-    """Accept all functions, for `follow`."""
-    return " "
-
-
 def is_of_module(frame: FrameType) -> str:
     """Accept functions of modules, for `follow`, but no methods, lambdas or nested functions."""
     name = frame.f_code.co_qualname
     return "" if "." in name or "<" in name else " "
-
-
-def sees_state(frame: FrameType) -> str:
-    """Return, for `follow`, the parameters that have a member's state."""
-    return ", ".join(
-        name
-        for name, value in arguments(frame)
-        if name in STATE and not isinstance(value, (str, int, type(None)))
-    )
 
 
 def sees_name(frame: FrameType) -> str:
@@ -172,20 +148,6 @@ def _texts(value: Any) -> list[str]:
     """Return the texts of a collection."""
     parts = value if isinstance(value, (tuple, list, dict)) else ()
     return [part for part in parts if isinstance(part, str)]
-
-
-@cache
-def reads_dt(code: CodeType) -> bool:
-    """Return whether a function reads a name or attribute `dt`."""
-    return any(
-        line.opname.startswith("LOAD") and "dt" in (line.argval, *_several(line.argval))
-        for line in dis.get_instructions(code)
-    )
-
-
-def _several(value: Any) -> tuple[Any, ...]:
-    """Return the names of an instruction that loads two."""
-    return value if isinstance(value, tuple) else ()
 
 
 def climbs(visits: Iterable[Visit], height: dict[str, int]) -> set[tuple[str, str]]:
@@ -213,33 +175,15 @@ def walk_of_path(root: Path, sees: Callable[[FrameType], str]) -> list[Visit]:
     return follow(simulate_call(package, PATH_SCENE, members=32, t_end=1.0), root, sees)
 
 
-def interpreted(root: Path) -> Any:
-    """Return the package in a process without compilation, so that the walk enters kernels."""
-    assert "numba" not in sys.modules, "too late: Numba compiles"
-    os.environ["NUMBA_DISABLE_JIT"] = "1"
-    return load_package(root)
-
-
 def walk(what: str, root: Path) -> list[Visit]:
     """Return the functions that a thing passes in a run, in order."""
-    if what != "error":
-        _listen()
-    if what == "scene":
-        return walk_of_path(root, sees_kinds(SCENES))
-    if what == "dt":
-        return walk_of_path(root, lambda frame: "reads dt" * reads_dt(frame.f_code))
     if what == "error":
         return walk_of_error(root)
-    if what == "parameter":
-        settings = {"members": 32, "t_end": 1.0, "wrt": (PARAMETER,)}
-        return follow(simulate_call(load_package(root), PATH_SCENE, **settings), root, sees_name)
-    package = interpreted(root)
-    scene = package.Scene.load(LOOP_SCENES[0] if what == "observable" else PATH_SCENE)
-    settings: dict[str, Any] = {"members": 2, "t_end": 4 * scene.run.dt, "threads": 1}
-    if what == "observable":
-        settings["save"] = ("omega", OBSERVABLE_NAME)
-    sees = sees_kinds(OBSERVABLE, DEEP) if what == "observable" else sees_state
-    return follow(lambda: package.simulate(scene, **settings), root, sees)
+    _listen()
+    if what == "scene":
+        return walk_of_path(root, sees_kinds(SCENES))
+    settings = {"members": 32, "t_end": 1.0, "wrt": (PARAMETER,)}
+    return follow(simulate_call(load_package(root), PATH_SCENE, **settings), root, sees_name)
 
 
 BAD = """[body]
@@ -307,92 +251,3 @@ def first_visits(visits: Iterable[Visit]) -> list[Visit]:
     for one in visits:
         found.setdefault(one[:2], one)
     return list(found.values())
-
-
-def measure_times(root: Path, rounds: int = 101) -> dict[str, float]:
-    """Return {measure: median milliseconds} for everything that this tree has."""
-    package = load_package(root)
-    scenes = {name: short_scene(package, name, STEPS) for name in LOOP_SCENES}
-
-    def run(scene: Any) -> None:
-        package.simulate(scene, members=32)
-
-    calls: dict[str, Callable[[], Callable[[], Any]]] = {}  # factories of the timed calls
-    for name, scene in scenes.items():
-        calls[f"new {name}"] = lambda scene=scene: partial(run, copy.copy(scene))
-        calls[f"same {name}"] = lambda scene=scene: partial(run, scene)
-    for n in (1, 2):
-        calls[f"rows {n}"] = partial(new_scene_call, package, n * STEPS)
-    if hasattr(package, "prepare"):
-        calls |= {what: lambda call=call: call for what, call in prepared_calls(package)}
-    seconds = time_interleaved(calls, rounds)
-    found = {what: 1e3 * statistics.median(times) for what, times in seconds.items()}
-    for what in ("rows", "values"):
-        if f"{what} 1" in seconds:
-            pairs = zip(seconds[f"{what} 1"], seconds[f"{what} 2"], strict=True)
-            found[what] = 1e3 * statistics.median(2.0 * one - two for one, two in pairs)
-    return found
-
-
-def time_interleaved(
-    calls: dict[str, Callable[[], Callable[[], Any]]], rounds: int
-) -> dict[str, list[float]]:
-    """Return {measure: seconds of each round} of calls, each newly made, after one warm-up."""
-    seconds: dict[str, list[float]] = {what: [] for what in calls}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        for make in calls.values():
-            make()()  # compiles
-        for _ in range(rounds):
-            for what, make in calls.items():
-                call = make()
-                began = time.perf_counter()
-                call()
-                seconds[what].append(time.perf_counter() - began)
-    return seconds
-
-
-def values_of(scene: Any) -> dict[str, Any]:
-    """Return rows of MANY members for start.omega and body.moments, near the values in
-    LOOP_SCENES[0]."""
-    import numpy as np
-
-    factor = 1.0 + 1e-3 * np.arange(MANY)[:, None] / MANY
-    return {
-        "start.omega": (0.01, 0.01, 6.283185307179586) * factor,
-        "body.moments": np.asarray(scene.body.moments) * factor,
-    }
-
-
-def short_scene(package: Any, name: str, steps: int) -> Any:
-    """Return a shipped scene with a few steps that saves omega twice: its kernel takes little."""
-    scene = package.Scene.load(name)
-    span = steps * scene.run.dt
-    return scene.with_run(t_end=span, every=span, save=("omega",))
-
-
-def new_scene_call(package: Any, steps: int) -> Callable[[], Any]:
-    """Return a function that makes and runs a scene with rows of MANY members."""
-    scene = short_scene(package, LOOP_SCENES[0], steps)
-    values, run = values_of(scene), scene.run.model_dump(exclude={"members"})
-
-    def call() -> Any:
-        start = package.Start(omega=values["start.omega"])
-        made = package.Scene(package.Body(values["body.moments"]), (), start, package.Run(**run))
-        return package.simulate(made)
-
-    return call
-
-
-def prepared_calls(package: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
-    """Yield (name, function) of prepared runs: of 32 members, and of MANY with values."""
-    scene = short_scene(package, LOOP_SCENES[0], STEPS)
-    yield "prepared", partial(package.prepare(scene).run, members=32)
-    values = values_of(scene)
-    for n in (1, 2):
-        scene = short_scene(package, LOOP_SCENES[0], n * STEPS)
-        try:
-            prepared = package.prepare(scene, varied=tuple(values))
-        except TypeError:  # a tree that prepares runs but does not accept values yet
-            return
-        yield f"values {n}", partial(prepared.run, values=values)
