@@ -40,8 +40,9 @@ SCENE = rm.Scene(
     every=0.5,
     members=70,
     seed=4,
-    save=("omega", "attitude", "energy"),
+    save=("omega", "attitude", "energy", "flips", "omega_mean"),
 )
+LINEAR = ("flip_first", "flip_last", "flip_wait", "omega_mean")  # in the rows of a block
 OMEGA, ATTITUDE, ENERGY = slice(0, 3), slice(3, 7), 7  # values of a save
 
 
@@ -60,10 +61,15 @@ def known(steps, base, columns):
 
 
 def advance(program, block, steps, noise=None, saves=None):
-    """What `Program.advance` does, with the numbers of `known`; member 3 is flagged."""
-    columns = len(block) // program.rows - 1
-    assert len(block) == program.rows * (1 + columns)
-    found = known(steps, block[layout.MOMENTUM], columns)
+    """What `Program.advance` does, with the numbers of `known`; member 3 is flagged.
+
+    The derivative of each row of a monitor by parameter j is j + 1 times the row. Each member has
+    flipped twice.
+    """
+    rows, base = program.rows, block[layout.MOMENTUM]
+    columns = len(block) // rows - 1
+    assert len(block) == rows * (1 + columns)
+    found = known(steps, base, columns)
     place = saves.column + np.arange(block.shape[1])
     if saves.order.size == block.shape[1]:
         place = saves.column + saves.order
@@ -73,6 +79,12 @@ def advance(program, block, steps, noise=None, saves=None):
         out[i][..., place] = found[i]
     block[layout.STATUS] = 0.0
     block[layout.STATUS, noise.members == 3] = 1.0
+    at = layout.EFFECTS
+    monitored = np.arange(1.0, rows - at + 1)[:, None] * (0.01 + abs(base))
+    for j in range(1 + columns):
+        start = j * rows
+        block[start + at : start + rows] = monitored * max(j, 1)
+        block[start + at + layout.COUNT] = 2.0 * (j == 0)
 
 
 @pytest.fixture(autouse=True)
@@ -98,6 +110,14 @@ def check(ds, tolerance=0.0):
             of = xr.DataArray(TURN, dims="axis") if name == "attitude" else value
             true = (factors * of).broadcast_like(found).transpose(*dims)
             np.testing.assert_allclose(found.values, true.values, max(tolerance, 1e-14), 0)
+    assert "d_flips" not in ds and "d_followed_until" not in ds
+    for name in LINEAR:
+        found = ds[f"d_{name}"]
+        assert found.dims == ("parameter", *ds[name].dims)
+        assert np.isnan(found.values[..., ds.member.values == 3]).all()  # flagged
+        assert np.isfinite(found.values[..., ds.member.values != 3]).all()
+        true = np.multiply.outer([1.0, 2.0, 3.0], ds[name].values)
+        np.testing.assert_allclose(found.values, true, max(tolerance, 1e-13))
     return ds
 
 
@@ -105,7 +125,13 @@ def test_a_result_has_the_derivatives_of_all_that_it_saves():
     ds = check(rm.simulate(SCENE, wrt=WRT))
     assert ds.d_energy.dims == ("parameter", "time", "member")
     assert ds.d_omega.attrs["units"] == "rad s-1 per parameter_unit"
-    assert rm.simulate(SCENE, wrt="body.mass").d_omega.attrs["units"] == "rad s-1 kg-1"
+    by_mass = rm.simulate(SCENE, wrt="body.mass")
+    assert by_mass.d_omega.attrs["units"] == "rad s-1 kg-1"
+    assert by_mass.d_flip_first.attrs["units"] == "s kg-1"
+    assert ds.d_flip_first.attrs == {
+        "units": "s per parameter_unit",
+        "long_name": "derivative of time of the first flip; nan if none",
+    }
     turn = ds.d_attitude.sel(parameter="body.moments.2").isel(time=0, member=2)
     assert turn.values == pytest.approx(TURN, rel=1e-14)
     check(rm.simulate(SCENE, wrt=WRT, threads=2, block=32))
@@ -177,7 +203,10 @@ def test_a_run_directory_resumes_and_reruns(tmp_path):
     with gather.consolidate(path, tmp_path / "one.nc") as whole:
         check(whole)
     again = rm.rerun(tmp_path / "one.nc", 5, save=SCENE.run.save)
-    assert "d_omega_thinned" in again.attrs["rerun"] and "differs" not in again.attrs["rerun"]
+    for name in ("d_omega_thinned", "d_flip_first"):
+        assert name in again.attrs["rerun"] and "differs" not in again.attrs["rerun"]
+    other = rm.rerun(tmp_path / "one.nc", 5, save=SCENE.run.save, wrt=WRT[1:])
+    assert "equal to the bit" in other.attrs["rerun"] and "d_" not in other.attrs["rerun"]
     pytest.importorskip("dask")
     with open_run(path) as ds:
         check(ds)
@@ -232,6 +261,8 @@ def test_units_of_integration_are_those_of_the_scene_again():
         np.testing.assert_allclose(ds.d_energy[j].values, factor * ds.energy.values, 1e-14)
         turn = factor * TURN[:, None] * np.ones(5)
         np.testing.assert_allclose(ds.d_attitude[j, -1].values, turn, 1e-14)
+        for name in LINEAR:
+            np.testing.assert_allclose(ds[f"d_{name}"][j].values, factor * ds[name].values, 1e-13)
 
 
 @pytest.mark.parametrize(
@@ -280,12 +311,13 @@ def test_summaries_and_tables_have_a_place_for_derivatives():
     ds = rm.simulate(SCENE, wrt=WRT, keep={"omega": "final", "attitude": "none"})
     text = ds.rigid.summary()
     assert "derivatives, d_NAME, by body.moments.2, start.omega.1, start.omega.3" in text
-    assert "d_omega_final" not in text and "omega_final[1]" in text
+    assert "d_omega_final" not in text and "omega_final[1]" in text and "d_flip_first" not in text
     table = member_table(ds)
     column = "d_omega_final_start.omega.1_3"
     assert np.array_equal(table[column], ds.d_omega_final[1, 2])
     assert table.attrs["units"][column] == "rad s-1 per rad s-1"
     assert np.array_equal(table["d_energy_final_body.moments.2"], ds.d_energy[0, -1])
+    assert "d_omega_mean_body.moments.2_1" in table
     with pytest.raises(ValueError, match="derivatives are in the axes of the result"):
         rm.simulate(SCENE, wrt=WRT).rigid.principal("d_omega")
 

@@ -1,117 +1,29 @@
 """Derivatives of event times and of results over all steps."""
 
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import mpmath as mp
 import numpy as np
 import pytest
-import xarray as xr
 
 import rigidmc as rm
 from rigidmc.engine.compiler.kernels import config
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.program import Program
 from rigidmc.errors import SceneError
 from rigidmc.physics.dynamics.dual_arrays import DualArray, plain
 from rigidmc.physics.observables import Megno
 from rigidmc.physics.observables.saving import outputs_with_derivatives
 from rigidmc.planning import monitors
-from rigidmc.results.export import member_table
-from rigidmc.runs import assemble, settled
-from rigidmc.runs.directory import gather, resume
-from rigidmc.runs.directory.create import create
 from tests.runs import test_derivatives as saved
-from tests.runs.test_resume import changed
 
 WRT = saved.WRT
-SCENE = saved.SCENE.with_run(save=("omega", "attitude", "energy", "flips", "omega_mean"))
-LINEAR = ("flip_first", "flip_last", "flip_wait", "omega_mean")  # in the rows of a block
+SCENE = saved.SCENE
 compiled = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 ALL = (
     "flips", "passage", "nutation", "precession", "energy_mean", "omega_variance", "omega_min",
     "omega_max", "omega_last", "attitude_mean",
 )  # fmt: skip
-
-
-def advance(program, block, steps, noise=None, saves=None):
-    """What `Program.advance` does: the derivative of each row of a monitor by parameter j is j + 1
-    times the row. Each member has flipped twice."""
-    base, rows = 0.01 + abs(block[layout.MOMENTUM]), program.rows
-    saved.advance(program, block, steps, noise, saves)
-    at = layout.EFFECTS
-    values = np.arange(1.0, rows - at + 1)[:, None] * base
-    for j in range(-1, len(block) // rows - 1):
-        start = (1 + j) * rows
-        block[start + at : start + rows] = values * (1.0 if j < 0 else 1.0 + j)
-        block[start + at + layout.COUNT] = 2.0 * (j < 0)
-
-
-@pytest.fixture
-def known_numbers(monkeypatch):
-    monkeypatch.setattr(Program, "advance", advance)
-    monkeypatch.setattr(settled, "make_program", partial(assemble.make_program, compiled=False))
-
-
-def check(ds):
-    """Compare the derivatives of a result with its values."""
-    assert "d_flips" not in ds and "d_followed_until" not in ds
-    for name in LINEAR:
-        found = ds[f"d_{name}"]
-        assert found.dims == ("parameter", *ds[name].dims)
-        assert np.isnan(found.values[..., 3]).all() == (3 in ds.member.values)  # flagged
-        true = np.multiply.outer([1.0, 2.0, 3.0], ds[name].values)
-        np.testing.assert_allclose(found.values, true, 1e-13)
-    return ds
-
-
-def test_results_by_member_have_derivatives(known_numbers):
-    ds = check(rm.simulate(SCENE, wrt=WRT, threads=2, block=32))
-    assert ds.d_flip_first.attrs == {
-        "units": "s per parameter_unit",
-        "long_name": "derivative of time of the first flip; nan if none",
-    }
-    assert rm.simulate(SCENE, wrt="body.mass").d_flip_first.attrs["units"] == "s kg-1"
-    some = rm.simulate(SCENE, wrt=WRT, members=[1, 2, 40])
-    assert some.equals(ds.sel(member=[1, 2, 40]))
-    without = rm.simulate(SCENE)
-    assert without.identical(ds.drop_dims("parameter").assign_attrs(scene=without.scene))
-    assert "d_omega_mean_body.moments.2_1" in member_table(ds)
-    assert "d_flip_first" not in ds.rigid.summary()
-
-
-def test_files_and_run_directories_have_them(known_numbers, tmp_path):
-    made, file, path = rm.simulate(SCENE, wrt=WRT), tmp_path / "one.nc", tmp_path / "run"
-    rm.simulate(SCENE, wrt=WRT, output=file, threads=2, block=32).close()
-    with rm.open(file) as opened:
-        assert list(check(opened).data_vars) == list(made.data_vars)
-        for name in LINEAR:
-            assert opened[f"d_{name}"].attrs == made[f"d_{name}"].attrs
-    create(SCENE.with_run(wrt=WRT), path, 20_000)
-    changed(path, block=32, shard=32)
-    resume.resume(path, threads=1)
-    with gather.consolidate(path, tmp_path / "whole.nc") as whole:
-        xr.testing.assert_equal(whole.d_flip_first, made.d_flip_first)
-        check(whole)
-    again = rm.rerun(tmp_path / "whole.nc", 5, save=SCENE.run.save)
-    assert "d_flip_first" in again.attrs["rerun"] and "differs" not in again.attrs["rerun"]
-    other = rm.rerun(tmp_path / "whole.nc", 5, save=SCENE.run.save, wrt=WRT[1:])
-    assert "equal to the bit" in other.attrs["rerun"] and "d_" not in other.attrs["rerun"]
-
-
-def test_units_of_integration_are_those_of_the_scene_again(known_numbers):
-    scene = rm.Scene(
-        rm.Body.from_moments((1e-32, 2e-32, 3e-32)),
-        start=rm.Start(omega=(rm.normal(0.0, 1e-9), 1e-8, 0.0)),
-    ).with_run(t_end=1e8, dt=1e7, every=5e7, members=5, save=SCENE.run.save)
-    run = rm.prepare(scene, wrt=WRT)
-    assert run.units is not None
-    ds = run.run().isel(member=[0, 1, 2, 4])
-    for j, unit in enumerate(saved.UNITS):
-        for name in LINEAR:
-            true = (1 + j) / run.units.factor(unit) * ds[name].values
-            np.testing.assert_allclose(ds[f"d_{name}"][j].values, true, 1e-13)
 
 
 def test_derivatives_of_results_are_those_of_differences():
