@@ -23,29 +23,12 @@ START = rm.Start(
 SCENE = rm.Scene(BODY, (Gravity(3.0),), START).with_run(
     t_end=10.0, every=2.5, members=300, save=("omega", "attitude", "energy")
 )
-FEW = ("rk4", "srkn6")
-
-
-def equal(a, b):
-    assert set(a.data_vars) == set(b.data_vars)
-    return all(np.array_equal(a[name], b[name], equal_nan=True) for name in a.data_vars)
-
-
-@pytest.mark.parametrize("name", FEW)
-def test_bits_depend_on_the_member_alone(name, tmp_path):
-    scene = SCENE.with_run(integrator=name, turn=0.4)
-    whole = rm.simulate(scene)
-    assert equal(whole, rm.simulate(scene, block=32, threads=3))
-    assert equal(whole, rm.simulate(scene, output=tmp_path / "a.nc", block=96, threads=1))
-    assert equal(whole.isel(member=slice(100, 150)), rm.simulate(scene, members=range(100, 150)))
-    assert equal(whole, rm.simulate(rm.Scene.loads(whole.attrs["scene"])))
-    spread = whole.steps.values
-    assert len(np.unique(spread)) > 10  # 25 different ones, 48 to 156
-    assert (spread % 4 == 0).all()  # four rounds, one to each save
 
 
 def test_a_member_is_what_it_would_be_with_its_dt():
     whole = rm.simulate(SCENE, integrator="rk4", turn=0.4)
+    assert len(np.unique(whole.steps)) > 10  # 25 different ones, 48 to 156
+    assert (whole.steps % 4 == 0).all()  # four rounds, one to each save
     for m in (0, 7, 123):
         alone = rm.simulate(
             SCENE, integrator="rk4", dt=10.0 / float(whole.steps[m]), members=range(m, m + 1)
@@ -105,20 +88,6 @@ def test_a_kernel_with_rounds_in_several_calls_is_the_same():
         assert np.array_equal(block[K.GOOD_STEP], 4 * block[K.STEPS])
         ends.append(block)
     assert ends[0].tobytes() == ends[1].tobytes()
-
-
-def test_a_bad_member_harms_no_other_and_stops_nothing():
-    omega = np.random.default_rng(0).normal(size=(64, 3))
-    scene = rm.Scene(rm.Body.from_moments((1.0, 1.5, 2.0)), (), rm.Start(omega=omega)).with_run(
-        t_end=1.0, members=64, turn=0.2
-    )
-    well = rm.simulate(scene)
-    sick = omega.copy()
-    sick[5] = 1e200
-    ill = rm.simulate(rm.Scene(scene.body, (), rm.Start(omega=sick), scene.run))
-    assert ill.status.values[5] == 1
-    others = np.arange(64) != 5
-    assert np.array_equal(ill.omega.values[..., others], well.omega.values[..., others])
 
 
 def test_dt_or_turn():
