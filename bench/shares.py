@@ -16,7 +16,6 @@ HALF = 0.01  # half the width of the intervals
 STUDIES = 200  # enough to give the spread of an index to 5 %
 MEMBERS = 4096  # of each study
 SHARES = np.array([0.1, 0.9])  # of torque and spin
-SPREADS = np.array([0.2, 0.6])  # rad/s, of the mean spin over 2 s
 OF = "mean(omega_mean[3])"
 
 

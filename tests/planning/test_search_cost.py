@@ -49,7 +49,7 @@ class Found:
         some = pilot.pilot(self.scene, members, 10_000)._replace(
             member_steps=self.choice.way.turn is not None
         )
-        way, faster = self.choice.way, 1.0
+        way = self.choice.way
         steps = way.steps
         if some.member_steps:
             steps = math.ceil(some.scene.run.t_end * some.rates.max() / way.turn)
@@ -62,7 +62,7 @@ class Found:
         fine = some.base * math.ceil(max(4 * steps, 4 * least) / some.base)
         true = pilot.integrate_pilot(some, "rk8", fine, compensated=True)
         apart = deviation.errors(some, mine, true)["state"]
-        return float(np.max(apart) / self.tolerance * faster)
+        return float(np.max(apart) / self.tolerance)
 
 
 def scene_of(effects, turns, members, seed=1):

@@ -335,17 +335,17 @@ def tangents(scene, names, members=MEMBERS, first=0):
     return out
 
 
-def differences(make, given, name):
-    """The derivative of `rows_of` by central differences of order 6."""
-    h = 1e-3 * abs(given[name])
+def by_differences(value, h):
+    """The derivative at 0 of a function of a number by central differences of order 6."""
     weights = {1: 0.75, 2: -0.15, 3: 1.0 / 60.0}
-    total = 0.0
-    for k, weight in weights.items():
-        ahead, back = (
-            rows_of(make(Numbers(given | {name: given[name] + sign * k * h}))) for sign in (1, -1)
-        )
-        total = total + weight * (ahead - back) / h
-    return total
+    return sum(weight * (value(k * h) - value(-k * h)) / h for k, weight in weights.items())
+
+
+def differences(make, given, name):
+    """The derivative of `rows_of`."""
+    return by_differences(
+        lambda by: rows_of(make(Numbers(given | {name: given[name] + by}))), 1e-3 * abs(given[name])
+    )
 
 
 # each of these takes 1 to 6 s

@@ -21,7 +21,6 @@ END = 2.0
 # steps of at most 0.1 rad, by order; few bodies turn by more than 10 rad
 STEPS = {1: 800, 2: 400, 4: 120, 6: 40, 8: 40, 12: 40, math.inf: 8}
 DAMPING = tuple(name for name, kind in EFFECTS.items() if facts(kind).is_damping)
-CONSERVING = tuple(name for name, kind in EFFECTS.items() if implements(kind, "energy"))
 
 
 class Kind(NamedTuple):

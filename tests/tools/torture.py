@@ -331,12 +331,13 @@ def told_of(pid, what):
         return b""
 
 
-def corrupt(count, folder, some):
-    """Damage a whole run `count` times; {what: how often}."""
-    whole = os.path.join(folder, "whole")
-    words = [*WORDS[:3], "20000", *WORDS[4:]]
-    words[words.index("--shard-size") + 1] = "0.3"
-    assert run(*words, whole + "/").returncode == 0
+def corrupt(count, folder, some, whole=None):
+    """Damage a whole run, by default one of 20,000 members, `count` times; {what: how often}."""
+    if whole is None:
+        whole = os.path.join(folder, "whole")
+        words = [*WORDS[:3], "20000", *WORDS[4:]]
+        words[words.index("--shard-size") + 1] = "0.3"
+        assert run(*words, whole + "/").returncode == 0
     from rigidmc.errors import RigidmcError
     from rigidmc.runs.directory import gather, resume
 

@@ -17,7 +17,6 @@ from tests.tools import random_scenes
 from tests.tools.random_scenes import QUICK
 
 MEMBERS = 193  # not a multiple of the lanes, and several blocks
-INPUTS = ("moments", "mass", "centre", "start_")
 
 
 def quiet(made, *words, **options):
