@@ -88,6 +88,7 @@ def initial_block(
     """
     rows = block_rows(model.effects, False) if rows is None else rows
     block = allocate_block(rows, count)
+    # `allocate_block` leaves memory as it is: rows that nobody sets would be nan by chance
     low = 0
     for some in (*rows_to_fill(model.effects), slice(rows, rows)):  # zero the rows between
         block[low : some.start], low = 0.0, some.stop
@@ -234,6 +235,7 @@ def fill_initial(
     effects = parameters if turn is None else _turned(model.effects, parameters, turn)
     _fill_body_and_effects(block, model.effects, effects, moments, mass, centre)
     relative = relative_to_orbit(model)
+    # for members whose attitude is not followed, and for `member_facts` before it is drawn
     attitude = np.array([[1.0], [0.0], [0.0], [0.0]])
     block[layout.ATTITUDE : layout.MOMENTUM] = attitude
     # only distributions of the spin, and attitudes that follow from them, ask for facts
@@ -249,6 +251,7 @@ def fill_initial(
             block[layout.ATTITUDE : layout.MOMENTUM] = axes
     # the principal frame of an uncertain tensor has the axes of each member
     turned = turn if model.body.frame == "described" else None
+    # recomputed: a spin on an energy shell gets what the potential of the drawn attitude leaves
     asked = member_facts(model.effects, block, moments)._replace(turn=turned) if asks else None
     word, drawn = model.start.sample_spin(sampler, first, count, asked)
     in_principal = isinstance(getattr(model.start, word), EquilibriumEnsemble)
@@ -311,6 +314,7 @@ def _fill_body_and_effects(
     centre: Array,
 ) -> None:
     """Set the rows of bodies and effects, and begin as ok; all in the principal axes."""
+    # impossible moments (0, inf) give inf or nan here; `fill_initial` flags these members
     with np.errstate(all="ignore"):
         body = MassProperties.of(tuple(moments), tuple(mass * centre))
     for row, values in zip(block[layout.BODY : layout.EFFECTS], body[:BODY_NUMBERS], strict=True):

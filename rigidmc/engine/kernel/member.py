@@ -120,6 +120,7 @@ def initialise(tree, numbers, substeps, state, work):
     # A total energy near 0, as for a pendulum on the separatrix, is not a scale: below 1e-3 of the
     # energies in play, a drift is relative to 1e-3 of these.
     energy_scale = maximum(abs(energy), 1e-3 * energy_in_play)
+    # T >= L^2/(2 I) for the largest I: no energy in play allows a longer L
     max_l2 = 2.0 * energy_in_play / min(min(body.i1, body.i2), body.i3)
     start = energy, energy_scale, l2, energy_in_play, dot(vertical(q), l), max_l2
     put_rows(start, member, layout.START)
@@ -131,6 +132,7 @@ def initialise(tree, numbers, substeps, state, work):
     healthy = status == 0.0
     # nan marks unmeasured drifts, and inf the minimum of no drifts.
     drift, smallest = select(healthy, 0.0, math.nan), select(healthy, math.inf, math.nan)
+    # also the last good step, 0, and the step of flagging: -1 if healthy, 0 for a bad start
     put_rows((drift, drift, status, 0.0, select(healthy, -1.0, 0.0)), member, layout.DRIFT)
     put_rows((drift, drift, smallest, smallest), member, layout.EARLY_DRIFT)
     put_rows(q + l, member, layout.GOOD_STATE)

@@ -27,6 +27,7 @@ def elliptic_arc(h, x, y):
     """
     # dimensionless: x and y by themselves reach 1e92 for the moments of a molecule
     hx, hy = h * h * x, h * h * y
+    # DLMF 22.10.4 in the symmetric sums u = x + y and p = x y, so no modulus is formed
     u, p = hx + hy, hx * hy
     uu = u * u
     t = u * (uu * uu + 11064.0 * uu * p + 132624.0 * p * p) * (1 / 39916800)
@@ -57,6 +58,7 @@ def _reciprocal(u, near):
     """
     if len(near) == 0:
         return 1.0 / (1.0 - u)
+    # the series lacks u^4 < 1e-4; each Newton step squares that: 1e-8, then 1e-16
     d, r = 1.0 - u, 1.0 + u * (1.0 + u * (1.0 + u))
     r = r + r * (1.0 - d * r)
     return r + r * (1.0 - d * r)

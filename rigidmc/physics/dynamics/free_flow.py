@@ -100,6 +100,7 @@ def _fraction(m, u, c, f):
 def phase_fraction(m, u):
     """Return the PhaseFraction of a unit momentum."""
     c = m.sign * select(m.on_third, u[2], u[0])
+    # L circles about sign e_j, so c >= 0: 1 + c lies between 1 and 2, and nothing cancels
     return _fraction(m, u, c, 1.0 / (1.0 + c))
 
 
@@ -218,6 +219,7 @@ def make_flow(body, halvings, panels, h, l):
     time = h * size
     p, q1, q3 = squares(axes, u)
     half, whole = half_and_full(time, p + q3, p + q1, halvings)
+    # on a separatrix Q1 = Q3 and either axis serves
     on_third = q3 >= q1
     # The sign is a constant of the motion. Computed at each step, it could change where u_j is 0 to
     # rounding, and would turn the body over.

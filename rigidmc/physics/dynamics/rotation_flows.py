@@ -26,6 +26,7 @@ def rotate_about_axis(body, h, l):
     i1, _, i3 = relabel(first, third, (body.i1, body.i2, body.i3))
     _, _, rate = relabel(first, third, (body.a1, body.a2, body.a3))  # (A - C)/(A C) = 1/C - 1/A
     s, c = sincos(0.5 * h * rate * two)
+    # 1 - cos and sin of the angle from half of it: 1 - cos x would lose 5 digits at x = 1e-3
     a, b = 2.0 * s * s, 2.0 * s * c
     change = -a * one - b * three, 0.0, b * one - a * three
     x, y, z = relabel(third, first, (0.0, s, 0.0))

@@ -99,6 +99,7 @@ def zeros(values):
     """Return one zero per value."""
     if len(values) == 0:
         return ()
+    # a 0 of the type of the value, which may be a vector or have tangents
     return (0.0 * values[0],) + zeros(values[1:])
 
 
