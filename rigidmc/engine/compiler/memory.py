@@ -32,6 +32,8 @@ class Rows(types.Type):
 
     def __init__(self, dtype: Any, count: int, pitch: int | None = None) -> None:
         self.dtype, self.count, self.pitch = dtype, count, pitch or count
+        # Numba identifies types by name: before the width was part of it, a loop over 16 members
+        # took cached steps of 8 and gave wrong numbers without a message.
         super().__init__(name=f"rows of {dtype}x{count}" + (f" in {pitch}" if pitch else ""))
 
     @property

@@ -105,7 +105,8 @@ def record_growth(tree, numbers, substeps, state, work, row, slot, is_planned):
     shrunk = moving_each(first_values(rows), scale(shrink, changes_of(rows)))
     put_rows(shrunk, state, layout.ATTITUDE)
     sums, midpoint = three_at(work, row + layout.SUMS), 0.5 * (now + before)
-    # S = int (d'/d) s ds and int 2 S/s ds
+    # With the rate r since `before`, int (d'/d) s ds = S + r (s^2 - before^2)/2, and its integral
+    # of 2/s is 2 (S - r before^2/2) ln(now/before) + r (now^2 - before^2)/2.
     has_records, since = before > 0.0, select(is_due, now - before, 1.0)
     # 1 s avoids 0/0 before the first record
     log_ratio = logarithm(select(has_records, now / select(has_records, before, 1.0), 1.0))

@@ -30,6 +30,7 @@ from rigidmc.runs.blocks import BlockJob
 from rigidmc.runs.directory.folder import RunDirectory
 
 EVERY = 20.0  # seconds between two checkpoints of a block or of a shard
+# so checkpoints take at most 5 % of the time, however slow the disk is
 COSTS = 20.0  # least time of the run between checkpoints, in units of a checkpoint's own time
 _NAMES = re.compile(r"([0-9]{8})(-[0-9]{1,16})?")  # a shard, and the place of a block in it
 
@@ -191,6 +192,7 @@ def read_checkpoint(path: Path, key: str, most: int) -> dict[str, NDArray[Any]] 
         data = memoryview(bytes_of(path, most + 10_000))
     except (OSError, FileError):
         return None
+    # a kill may leave half a file: without the checksum, compiled code would go on from any numbers
     body, told = data[: -_SUM or None], bytes(data[-_SUM:])
     if hashlib.sha256(body).digest() != told or bytes(body[: len(_MAGIC)]) != _MAGIC:
         return None

@@ -97,6 +97,7 @@ def create(
     if not isinstance(size, (int, float)) or not 0.0 < size < math.inf:
         raise OptionError("expected the bytes of a shard", at="size", value=size)
     path = free_place(path)
+    # fixed now: the strata are the members, and `extend` would move all points that exist
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
     run = prepare_scene(scene, scene.run.members if plots else 0)

@@ -324,10 +324,12 @@ class RunDirectory:
                 file.seek(0)
                 holder = file.read(200).decode(errors="replace").strip() or "another process"
                 raise OutputExists(f"{self.path}: {holder} is writing to it") from None
+            # after the lock: `extend` or `add_members` may have run since this object read run.json
             if self._read_facts() != self.facts:
                 rule = "was changed by another process meanwhile; open it again"
                 raise OutputExists(f"{self.path}: {rule}")
             sign(file)
+            # only with the lock: the partial files of a live writer have names as of a killed one
             self.clear()
             try:
                 yield

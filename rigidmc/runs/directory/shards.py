@@ -250,6 +250,8 @@ class ShardSink(Sink):
             first, count = shard.members.first, shard.members.size
             writer.write(first, count, {name: values[name] for name in by_member})
             writer.write_all({name: v for name, v in values.items() if name not in by_member})
+            # The checkpoint goes last: a kill before that leaves both, and `drop_written` removes
+            # it; a kill after an earlier deletion would lose the shard.
             self.directory.publish(writer.finish())
             self.keeper.drop([i])
         except BaseException:

@@ -240,6 +240,7 @@ def _strongest(signal: Array, step: float) -> Array:
     """Return the frequencies (n,) at which the spectra of weighted signals (saves, n) are
     largest."""
     saves, members = signal.shape
+    # padded to twice the length: a point then lies within 1/(4 T) of the maximum of each line
     spectrum = np.abs(np.fft.rfft(np.nan_to_num(signal), 2 * saves, axis=0))
     at = np.clip(spectrum[1:-1].argmax(axis=0) + 1, 1, saves - 1)
     apart = np.pi / (saves * step)

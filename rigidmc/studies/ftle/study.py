@@ -57,6 +57,7 @@ from rigidmc.studies.framework.options import Options, option
 from rigidmc.studies.framework.study import Example, Study
 from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 
+# of products of unit vectors: two changes that are 1.4e-4 rad apart have this eigenvalue
 ALIKE = 1e-8  # least eigenvalue of independent changes; below it they differ by rounding alone
 STATE = "attitude", "omega"
 VARIABLES = (

@@ -77,6 +77,8 @@ def orthonormalise(vectors: Array, size: int) -> Array:
         vector /= r[i, i]
         others = vectors[i + 1 :]
         r[i, i + 1 :] = (vector[:size] * others[:, :size]).sum(axis=1)
+        # At once, from the reduced vectors: for lengths e^12 apart, the most of TURN, they are
+        # orthogonal to 2e-6, and after the classical method, from the given vectors, not at all.
         others -= r[i, i + 1 :, None] * vector
     return r
 

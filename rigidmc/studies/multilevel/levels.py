@@ -148,6 +148,7 @@ class MultilevelState(NamedTuple):
 
 def state_after(setup: MultilevelSetup, sums: Mapping[int, Sums]) -> MultilevelState:
     """Return the progress of a study, a function of the sums of its tasks alone."""
+    # Replayed from the first round: a study that was killed takes the same decisions again.
     levels: list[Level] = []
     rounds: list[tuple[float, float]] = []
     estimate, line, wanted = None, "", [float(setup.batch)] * LEVELS
@@ -167,6 +168,7 @@ def state_after(setup: MultilevelSetup, sums: Mapping[int, Sums]) -> MultilevelS
             return MultilevelState(levels, rounds, estimate, [])
         wanted = _wanted(setup, levels, half)
         if all(n <= level.taken for n, level in zip(wanted, levels, strict=True)):
+            # sampling is good enough on every level, and only shorter steps narrow the interval
             _refuse_slow(setup, estimate, levels)
             wanted.append(float(setup.batch))
         cost = sum(n * setup.empty_level(i).price for i, n in enumerate(wanted))

@@ -155,6 +155,7 @@ def make_setup(
     if wanted.measure.kind != "mean" or wanted.measure.given is not None:
         rule = "has corrections that do not become small: use mean(NAME) over all members"
         raise OptionError(rule, at="run.until", value=until)
+    # `exact` has the order inf, for which the weight f/(f - 1) of the last level would be nan
     order = min(scene.integrator.order, 2 if any(map(is_random, scene.effects)) else 8)
     steps = run.plan.grid.steps
     return MultilevelSetup(scene, until, wanted, order, confidence, steps, batch, float(most))
