@@ -329,7 +329,7 @@ class RunDirectory:
                 rule = "was changed by another process meanwhile; open it again"
                 raise OutputExists(f"{self.path}: {rule}")
             sign(file)
-            # only with the lock: the partial files of a live writer have names as of a killed one
+            # only with the lock: a live writer on another computer may pause for longer than _OLD
             self.clear()
             try:
                 yield
