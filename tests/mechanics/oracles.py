@@ -18,19 +18,14 @@ ROOTS = 100
 def free(moments, momentum, t, attitude=(1, 0, 0, 0)):
     """(q, L) of an asymmetric body, moments ascending, off separatrix and axes, as lists of mpf."""
     with mp.workdps(DIGITS):
-        i = [mp.mpf(x) for x in moments]
-        l = [mp.mpf(x) for x in momentum]
-        square, twice_energy = mp.fdot(l, l), mp.fsum(x * x / m for x, m in zip(l, i, strict=True))
-        if (
-            square < twice_energy * i[1]
-        ):  # mirror: exchanging axes 1 and 3 and reversing axis 2 keeps the frame right-handed
-            swap = [l[2], -l[1], l[0]]
-            q, end = _free([i[2], i[1], i[0]], swap, mp.mpf(t))
-            q = [q[0], q[3], -q[2], q[1]]
-            end = [end[2], -end[1], end[0]]
+        i, l, q = ([mp.mpf(x) for x in row] for row in (moments, momentum, attitude))
+        # mirror: exchanging axes 1 and 3 and reversing axis 2 keeps the frame right-handed
+        if mp.fdot(l, l) < mp.fsum(x * x / m for x, m in zip(l, i, strict=True)) * i[1]:
+            turn, end = _free(i[::-1], [l[2], -l[1], l[0]], mp.mpf(t))
+            turn, end = [turn[0], turn[3], -turn[2], turn[1]], [end[2], -end[1], end[0]]
         else:
-            q, end = _free(i, l, mp.mpf(t))
-        return _multiply([mp.mpf(x) for x in attitude], q), end
+            turn, end = _free(i, l, mp.mpf(t))
+        return multiply(q, turn), end
 
 
 def _free(i, l, t):
@@ -53,11 +48,8 @@ def _free(i, l, t):
         s, c, d = (mp.ellipfun(k, u, m=m) for k in ("sn", "cn", "dn"))
         turns = mp.nint(u / (2 * period))
         am = turns * mp.pi + mp.atan2(s * (-1) ** int(turns), c * (-1) ** int(turns))
-        return [
-            mp.sqrt(low) * c,
-            sign2 * mp.sqrt(across) * s,
-            mp.sign(l[2]) * mp.sqrt(high) * d,
-        ], am
+        third = mp.sign(l[2]) * mp.sqrt(high) * d
+        return [mp.sqrt(low) * c, sign2 * mp.sqrt(across) * s, third], am
 
     (begin, am0), (end, am1) = state(start), state(u)
     # psi' = (2T + |L| |L3|/I3)/(|L| + |L3|) integrates to |L| t/I1 - (...) Pi - atan: with c =
@@ -68,18 +60,9 @@ def _free(i, l, t):
     n = -c2 * m / b2
 
     def integral(am):  # of c dn/(1 + c dn) du = elementary - (Pi/b^2 - u)
-        turns = mp.nint(am / mp.pi)
-        elementary = (
-            mp.sqrt(c2)
-            / mp.sqrt(b2 * w2)
-            * (
-                turns * mp.pi
-                + mp.atan2(
-                    mp.sqrt(w2) * mp.sin(am - turns * mp.pi),
-                    mp.sqrt(b2) * mp.cos(am - turns * mp.pi),
-                )
-            )
-        )
+        whole = mp.nint(am / mp.pi) * mp.pi
+        rest = mp.atan2(mp.sqrt(w2) * mp.sin(am - whole), mp.sqrt(b2) * mp.cos(am - whole))
+        elementary = mp.sqrt(c2) / mp.sqrt(b2 * w2) * (whole + rest)
         return elementary - mp.ellippi(n, am, m) / b2 + mp.ellipf(am, m)
 
     share = (integral(am1) - integral(am0)) / rate * size
@@ -87,7 +70,7 @@ def _free(i, l, t):
     sg = mp.sign(l[2])
     turn = [mp.cos(psi / 2), 0, 0, sg * mp.sin(psi / 2)]
     back, forth = _to_third(begin, size, sg), _to_third(end, size, sg)
-    return _multiply(_multiply([back[0], -back[1], -back[2], -back[3]], turn), forth), end
+    return multiply(multiply([back[0], *(-x for x in back[1:])], turn), forth), end
 
 
 def _to_third(l, size, sg):
@@ -112,13 +95,11 @@ def lagrange(one, three, k, momentum, attitude, t):
         be = 2 * k / one
         al = (l[0] ** 2 + l[1] ** 2) / one**2 + be * u0
         slope = (g[0] * l[1] - g[1] * l[0]) / one
+        cubic = [be, -(al + b * b), 2 * a * b - be, al - a * a]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of the order of the coefficients
-            found = mp.polyroots(
-                [be, -(al + b * b), 2 * a * b - be, al - a * a], maxsteps=500, extraprec=400
-            )
-        roots = sorted(mp.re(x) for x in found)
-        u1, u2, u3 = roots
+            found = mp.polyroots(cubic, maxsteps=500, extraprec=400)
+        u1, u2, u3 = sorted(mp.re(x) for x in found)
         m, p = (u2 - u1) / (u3 - u1), mp.sqrt(be * (u3 - u1)) / 2
         am0 = mp.asin(mp.sqrt(min(max((u0 - u1) / (u2 - u1), 0), 1))) * (1 if slope >= 0 else -1)
         x0 = mp.ellipf(am0, m)
@@ -137,43 +118,34 @@ def lagrange(one, three, k, momentum, attitude, t):
         phi = mp.atan2(q[3], q[0]) + mp.atan2(q[2], q[1]) + minus + plus
         psi = mp.atan2(q[3], q[0]) - mp.atan2(q[2], q[1]) + (l[2] / three - b) * t - minus + plus
         half = mp.acos(u) / 2
-        end = [
-            mp.cos(half) * mp.cos((phi + psi) / 2),
-            mp.sin(half) * mp.cos((phi - psi) / 2),
-            mp.sin(half) * mp.sin((phi - psi) / 2),
-            mp.cos(half) * mp.sin((phi + psi) / 2),
-        ]
-        sine = mp.sin(2 * half)
-        dphi, dtheta = (a - b * u) / sine**2, -2 * p * (u2 - u1) * s * c * d / sine
-        return end, [
-            one * (dphi * sine * mp.sin(psi) + dtheta * mp.cos(psi)),
-            one * (dphi * sine * mp.cos(psi) - dtheta * mp.sin(psi)),
-            l[2],
-        ]
+        both, apart, sine = (phi + psi) / 2, (phi - psi) / 2, mp.sin(2 * half)
+        level, upright = (
+            [mp.sin(half) * mp.cos(apart), mp.sin(half) * mp.sin(apart)],
+            [mp.cos(half) * mp.cos(both), mp.cos(half) * mp.sin(both)],
+        )
+        across, along = one * (a - b * u) / sine, -2 * one * p * (u2 - u1) * s * c * d / sine
+        s, c = mp.sin(psi), mp.cos(psi)
+        end = [across * s + along * c, across * c - along * s, l[2]]
+        return [upright[0], *level, upright[1]], end
 
 
-def _multiply(p, q):
-    return [
-        p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
-        p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
-        p[0] * q[2] + p[2] * q[0] + p[3] * q[1] - p[1] * q[3],
-        p[0] * q[3] + p[3] * q[0] + p[1] * q[2] - p[2] * q[1],
-    ]
+def multiply(p, q):
+    """The product of quaternions of mpf."""
+    (a, *u), (b, *v) = p, q
+    cross = [u[i - 2] * v[i - 1] - u[i - 1] * v[i - 2] for i in range(3)]
+    vector = [a * y + b * x + z for x, y, z in zip(u, v, cross, strict=True)]
+    return [a * b - mp.fdot(u, v), *vector]
 
 
 def symmetric(moments, momentum, t, attitude=(1, 0, 0, 0)):
-    """(q, L) of a body with I1 = I2, or of a sphere: two rotations, TdC Example 3.5."""
+    """(q, L) of a body with I1 = I2, of a sphere, or at rest: two rotations, TdC Example 3.5."""
     with mp.workdps(DIGITS):
         one, three, t = mp.mpf(moments[0]), mp.mpf(moments[2]), mp.mpf(t)
-        l = [mp.mpf(x) for x in momentum]
-        angle = (1 / three - 1 / one) * l[2] * t
-        end = [
-            l[0] * mp.cos(angle) + l[1] * mp.sin(angle),
-            l[1] * mp.cos(angle) - l[0] * mp.sin(angle),
-            l[2],
-        ]
+        l, q = ([mp.mpf(x) for x in row] for row in (momentum, attitude))
         size = mp.sqrt(mp.fdot(l, l))
-        half = size * t / one / 2
-        about = [mp.cos(half), *(mp.sin(half) * x / size for x in l)]
+        half, angle = size * t / one / 2, (1 / three - 1 / one) * l[2] * t
+        s, c = mp.sin(angle), mp.cos(angle)
+        about = [mp.cos(half), *(mp.sin(half) * x / (size or 1) for x in l)]
         spin = [mp.cos(angle / 2), mp.mpf(0), mp.mpf(0), mp.sin(angle / 2)]
-        return _multiply([mp.mpf(x) for x in attitude], _multiply(about, spin)), end
+        end = [l[0] * c + l[1] * s, l[1] * c - l[0] * s, l[2]]
+        return multiply(q, multiply(about, spin)), end

@@ -8,6 +8,7 @@ import pytest
 
 import rigidmc as rm
 from tests.mechanics import oracles
+from tests.tools.reference import apart
 
 POLE = 4e-16  # of a level or vertical axis: the rounding of pi/2 and pi
 ANGLES = (0.0, 1e-12, 1e-5, 0.4, 0.5 * np.pi, 2.0, np.pi - 1e-7, np.pi)
@@ -80,26 +81,20 @@ def worst_of_tops(seeds):
     return worst
 
 
-def test_steady_motions_at_their_limits():
-    """300 tops; before, tops without weight and spin were nan, and so was every second top at its
-    least spin."""
+@pytest.mark.parametrize(
+    "seeds", [range(300), pytest.param(range(300, 5000), marks=pytest.mark.slow)], ids=str
+)
+def test_steady_motions_at_their_limits(seeds):
+    """Before, tops without weight and spin were nan, and so was every second top at its least
+    spin."""
     # measured 1.9e-16, 2.2e-16, 3.3e-16, 4.3e-16
-    assert worst_of_tops(range(300)).max() < 4e-15
+    assert worst_of_tops(seeds).max() < 4e-15
 
 
-@pytest.mark.slow
-def test_more_steady_motions_at_their_limits():
-    assert worst_of_tops(range(300, 5000)).max() < 4e-15
-
-
-def free_symmetric(first, third, l, t):
-    """Return the attitude (4,) of a free body with I1 = I2 from the identity: it turns about L by
-    |L| t/I1, and in the body about axis 3 by (1/I3 - 1/I1) L3 t."""
-    size = mp.sqrt(mp.fdot(l, l))
-    turn, own = size * t / (2 * first), l[2] * t * (1 / third - 1 / first) / 2
-    along = [x / size for x in l] if size else [0, 0, 1]
-    q = [mp.cos(turn), *(mp.sin(turn) * x for x in along)]
-    return oracles._multiply(q, [mp.cos(own), 0, 0, mp.sin(own)])
+def either(q, truth):
+    """Return the largest difference of an attitude from either of the two quaternions of one."""
+    truth = np.array(truth, float)
+    return min(apart(q, truth), apart(q, -truth))
 
 
 def worst_of_motions(seeds):
@@ -116,39 +111,30 @@ def worst_of_motions(seeds):
         t = float(some.choice([0.0, 1e-6, 1.0, -300.0]))
         l, moments = l * unit / time, (first * unit, first * unit, third * unit)
         size = 1.0 + np.linalg.norm(l) / moments[0] * abs(t * time)
-        with mp.workdps(60):
-            of = *map(mp.mpf, moments[1:]), list(map(mp.mpf, map(float, l))), mp.mpf(t * time)
-            truth = np.array([float(x) for x in free_symmetric(*of)])
-        start = (1.0, 0.0, 0.0, 0.0)
-        for i, found in enumerate((
-            rm.solve_free_top(moments, l, start, t * time),
-            rm.solve_lagrange_top(moments, 0.0, l, start, t * time),
-        )):  # fmt: skip
-            away = min(np.abs(found.attitude - x).max() for x in (truth, -truth))
-            worst[i] = max(worst[i], away / size)
+        truth, start = oracles.symmetric(moments, l, t * time)[0], (1.0, 0.0, 0.0, 0.0)
+        free = rm.solve_free_top(moments, l, start, t * time)
+        weightless = rm.solve_lagrange_top(moments, 0.0, l, start, t * time)
+        for i, found in enumerate((free, weightless)):
+            worst[i] = max(worst[i], either(found.attitude, truth) / size)
         # heavy, with a nutation
         k, q = some.uniform(0.5, 2.0) * unit / time**2, some.normal(size=4)
         q /= np.linalg.norm(q)
         l = some.normal(size=3) * some.choice([0.3, 3.0, 30.0]) * unit / time
         end, _ = oracles.lagrange(*moments[1:], k, l, q, t * time)
         found = rm.solve_lagrange_top(moments, k, l, q, t * time).attitude
-        away = min(
-            np.abs(found - sign * np.array([float(x) for x in end])).max() for sign in (1, -1)
-        )
         rate = np.linalg.norm(l) / moments[0] + np.sqrt(k / moments[0])
-        worst[2] = max(worst[2], away / (1.0 + rate * abs(t * time)))
+        worst[2] = max(worst[2], either(found, end) / (1.0 + rate * abs(t * time)))
     return worst
 
 
-def test_motions_at_their_limits():
-    worst = worst_of_motions(range(25))
-    assert (worst < 1e-14).all(), worst  # measured 4e-16, 1.7e-15, 1.1e-15
-
-
-@pytest.mark.slow
-def test_more_motions_at_their_limits():
-    worst = worst_of_motions(range(25, 500))
-    assert (worst < 1e-13).all(), worst
+@pytest.mark.parametrize(
+    ("seeds", "bound"),
+    [(range(25), 1e-14), pytest.param(range(25, 500), 1e-13, marks=pytest.mark.slow)],
+    ids=str,
+)
+def test_motions_at_their_limits(seeds, bound):
+    worst = worst_of_motions(seeds)
+    assert (worst < bound).all(), worst  # measured 4e-16, 1.7e-15, 1.1e-15
 
 
 TOP = {"moments": (1.0, 1.0, 0.6), "weight": 1.3}

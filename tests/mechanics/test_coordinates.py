@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 from rigidmc.mechanics import coordinates as C
 from rigidmc.mechanics import rotation as R
 from tests.tools import reference
+from tests.tools.reference import apart
 
 RNG = np.random.default_rng(32)
 SOME = "313", "321", "rotation_vector"
@@ -18,32 +19,25 @@ SPRING = C.spring(5.0, (0.3, 0.1, 0.2), (1.0, 0.0, 0.5), 0.4)
 
 def own(q):
     """A user's coordinates: rotations about x, y and z one after the other."""
-    parts = []
-    for k in range(3):
-        c, s, axis = (
-            np.cos(q[..., k])[..., None, None],
-            np.sin(q[..., k])[..., None, None],
-            R.hat(np.eye(3)[k]),
-        )
-        parts.append(np.eye(3) + s * axis + (1.0 - c) * (axis @ axis))
-    return parts[0] @ parts[1] @ parts[2]
+    a = np.eye(3)
+    for k, axis in enumerate(map(R.hat, np.eye(3))):
+        c, s = (f(q[..., k])[..., None, None] for f in (np.cos, np.sin))
+        a = a @ (np.eye(3) + s * axis + (1.0 - c) * (axis @ axis))
+    return a
 
 
 @pytest.mark.parametrize("name", C.NAMED)
 def test_named_coordinates_are_the_rotations_of_rotation_py(name):
-    if name == "rotation_vector":
-        made = R.from_rotation_vector(POINTS)
-    else:
-        made = R.from_euler(POINTS, name)
-    assert np.abs(C.matrix(name, POINTS) - R.matrix(made)).max() < 2e-15  # 3.3e-16
+    is_vector = name == "rotation_vector"
+    made = R.from_rotation_vector(POINTS) if is_vector else R.from_euler(POINTS, name)
+    assert apart(C.matrix(name, POINTS), R.matrix(made)) < 2e-15  # 3.3e-16
 
 
 @pytest.mark.parametrize("name", C.NAMED)
 @pytest.mark.parametrize("size", [1.0, 1e-3, 1e-9])
 def test_closed_forms_of_m_are_the_derivatives_of_a(name, size):
-    m = C.rate_matrix(name, size * POINTS)
-    # 4.4e-16
-    assert np.abs(m - C.rate_matrix(lambda q: C.matrix(name, q), size * POINTS)).max() < 2e-15
+    m = C.rate_matrix(lambda q: C.matrix(name, q), size * POINTS)
+    assert apart(C.rate_matrix(name, size * POINTS), m) < 2e-15  # 4.4e-16
 
 
 @pytest.mark.parametrize("name", C.NAMED)
@@ -65,9 +59,7 @@ def test_motion_in_them_is_that_of_the_quaternion_form(coordinates):
     start = POINTS[0]
     rates = np.linalg.solve(C.rate_matrix(coordinates, start), momentum / moments)
     rhs = C.equations_of_motion(coordinates, moments, C.uniform_gravity(1.0, weight, G))
-    y = solve_ivp(rhs, (0.0, 1.0), [*start, *rates], method="DOP853", rtol=1e-11, atol=1e-12).y[
-        :, -1
-    ]
+    y = solve_ivp(rhs, (0.0, 1.0), [*start, *rates], "DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
     attitude = tuple(R.quaternion(C.matrix(coordinates, start)))
     q, l = reference.taylor(moments, momentum, 1.0, attitude, weight=[G * w for w in weight])
     assert R.attitude_error(C.matrix(coordinates, y[:3]), np.array(q, float)) < 5e-11  # 2.3e-12
@@ -95,20 +87,13 @@ def test_torque_is_minus_the_inverse_transpose_of_m_times_the_slope(potential, c
 
 def test_torque_of_gravity_and_spring_are_force_times_arm():
     a = C.matrix("313", POINTS)
-    # 8.9e-16
-    assert (
-        np.abs(C.torque_of_potential(GRAVITY, a) - np.cross(CENTRE, -MASS * G * a[:, 2])).max()
-        < 2e-15
-    )
+    weight = np.cross(CENTRE, -MASS * G * a[:, 2])
+    assert apart(C.torque_of_potential(GRAVITY, a), weight) < 2e-15  # 8.9e-16
     point, hook = np.array([0.3, 0.1, 0.2]), np.array([1.0, 0.0, 0.5])
-    apart = hook - a @ point
-    length = np.linalg.norm(apart, axis=1, keepdims=True)
-    force = 5.0 * (length - 0.4) * apart / length
-    # 2.2e-16
-    assert (
-        np.abs(C.torque_of_potential(SPRING, a) - np.cross(point, R.to_body(a, force))).max()
-        < 2e-15
-    )
+    away = hook - a @ point
+    length = np.linalg.norm(away, axis=1, keepdims=True)
+    pull = np.cross(point, R.to_body(a, 5.0 * (length - 0.4) * away / length))
+    assert apart(C.torque_of_potential(SPRING, a), pull) < 2e-15  # 2.2e-16
 
 
 def test_torque_of_a_users_potential_against_a_difference():

@@ -13,6 +13,7 @@ import rigidmc as rm
 from rigidmc import Body, SceneError
 from rigidmc.mechanics import inertia
 from rigidmc.mechanics.solids import SOLIDS
+from tests.tools.reference import apart
 
 RNG = np.random.default_rng(35)
 
@@ -22,9 +23,10 @@ def round_body(profile, low, high, hollow=lambda z: mp.mpf(0)):
     radius `profile(z)`, density 1, by mpmath.
     """
 
-    volume = mp.quad(lambda z: mp.pi * (profile(z) ** 2 - hollow(z) ** 2), [low, high])
-    first = mp.quad(lambda z: mp.pi * z * (profile(z) ** 2 - hollow(z) ** 2), [low, high])
-    second = mp.quad(lambda z: mp.pi * z * z * (profile(z) ** 2 - hollow(z) ** 2), [low, high])
+    volume, first, second = (
+        mp.quad(lambda z, n=n: mp.pi * z**n * (profile(z) ** 2 - hollow(z) ** 2), [low, high])
+        for n in range(3)
+    )
     about = mp.quad(lambda z: mp.pi / 2 * (profile(z) ** 4 - hollow(z) ** 4), [low, high])
     return volume, first / volume, about / 2 + second, about
 
@@ -35,17 +37,12 @@ ROUND = {  # sizes, radius at z, from, to, radius of the hole
     "rod": ({"radius": 0.01, "length": 1.5}, lambda z: mp.mpf("0.01"), -0.75, 0.75),
     "hollow_cylinder": (
         {"inner": 0.3, "outer": 0.7, "height": 1.5},
-        lambda z: mp.mpf("0.7"),
-        -0.75,
-        0.75,
-        lambda z: mp.mpf("0.3"),
+        *(lambda z: mp.mpf("0.7"), -0.75, 0.75, lambda z: mp.mpf("0.3")),
     ),
     "cone": ({"radius": 0.7, "height": 1.5}, lambda z: mp.mpf("0.7") * z / mp.mpf("1.5"), 0, 1.5),
     "ellipsoid": (
         {"semiaxes": (0.7, 0.7, 0.9)},
-        lambda z: mp.mpf("0.7") * mp.sqrt(max(1 - (z / mp.mpf("0.9")) ** 2, 0)),
-        -0.9,
-        0.9,
+        *(lambda z: mp.mpf("0.7") * mp.sqrt(max(1 - (z / mp.mpf("0.9")) ** 2, 0)), -0.9, 0.9),
     ),
 }
 
@@ -66,43 +63,30 @@ def test_curved_limits_are_integrated_to_rounding(semiaxes):
     """TdC (3.17) over a ball and an ellipsoid, whose limits meet like square roots at the rim."""
     a, b, c = semiaxes
 
-    def disc(x):
-        return np.sqrt(np.maximum(1 - (x / a) ** 2, 0.0))
+    def half(size, *places):
+        """(-size, size) times the height of a unit sphere above a point."""
+        s = size * np.sqrt(np.maximum(1 - sum(x * x for x in places), 0.0))
+        return -s, s
 
-    def upright(x, y):
-        return np.sqrt(np.maximum(1 - (x / a) ** 2 - (y / b) ** 2, 0.0))
-
-    region = (
-        (-a, a),
-        lambda x: (-b * disc(x), b * disc(x)),
-        lambda x, y: (-c * upright(x, y), c * upright(x, y)),
-    )
+    region = (-a, a), lambda x: half(b, x / a), lambda x, y: half(c, x / a, y / b)
     body = Body.from_density(2.0 / (4 / 3 * np.pi * a * b * c), region)
     assert body.mass == pytest.approx(2.0, rel=1e-13)  # measured 1.1e-14
-    # measured 7.3e-15
-    assert (
-        np.abs(body.tensor - Body.solid("ellipsoid", mass=2.0, semiaxes=semiaxes).tensor).max()
-        < 1e-13
-    )
+    known = Body.solid("ellipsoid", mass=2.0, semiaxes=semiaxes)
+    assert apart(body.tensor, known.tensor) < 1e-13  # measured 7.3e-15
 
 
 def test_cone_is_the_integral_over_its_limits():
     """Along axis 1 from its tip: |(y, z)| < a x/h."""
     a, h = 0.7, 1.5
-    region = (
-        (0, h),
-        lambda x: (-a * x / h, a * x / h),
-        lambda x, y: (
-            -np.sqrt(np.maximum((a * x / h) ** 2 - y * y, 0)),
-            np.sqrt(np.maximum((a * x / h) ** 2 - y * y, 0)),
-        ),
-    )
-    body, cone = (
-        Body.from_density(6.0 / (np.pi * a * a * h), region),
-        Body.solid("cone", mass=2.0, radius=a, height=h),
-    )
-    # measured 2.9e-14
-    assert body.tensor == pytest.approx(np.diag(np.diag(cone.tensor)[[2, 0, 1]]), abs=1e-13)
+
+    def half(x, y):
+        s = np.sqrt(np.maximum((a * x / h) ** 2 - y * y, 0))
+        return -s, s
+
+    region = (0, h), lambda x: (-a * x / h, a * x / h), half
+    body = Body.from_density(6.0 / (np.pi * a * a * h), region)
+    cone = np.diag(Body.solid("cone", mass=2.0, radius=a, height=h).tensor)
+    assert body.tensor == pytest.approx(np.diag(cone[[2, 0, 1]]), abs=1e-13)  # measured 2.9e-14
     assert body.centre == pytest.approx((0.75 * h, 0.0, 0.0), abs=1e-14)  # measured 2.4e-18
 
 
@@ -115,70 +99,43 @@ def test_the_estimate_does_not_depend_on_the_unit_of_length(size):
         Body.from_density(lambda x, y, z: np.exp(-10 * np.abs(x / size - 0.3)) + 0 * y * z, box)
 
 
-def test_a_density_that_varies_moves_the_centre():
-    """rho = 1 + z over a cylinder of height 2 about its middle: mass 2 pi a^2, centre 1/3 up."""
-    body = Body.from_density(lambda x, y, z: 1.0 + z + 0 * x * y, ("cylinder", 0.5, (-1.0, 1.0)))
-    assert body.mass == pytest.approx(2 * np.pi * 0.25, rel=1e-13)  # measured 7.1e-15
-    assert body.centre == pytest.approx((0.0, 0.0, 1 / 3), abs=1e-14)  # measured 3.9e-16
-
-
-@pytest.mark.parametrize(
-    ("density", "region", "rule"),
-    [
-        (lambda x, y, z: x - 0.1, ("box", (0, 1), (0, 1), (0, 1)), "not negative"),
-        (lambda x, y, z: x * np.nan, ("box", (0, 1), (0, 1), (0, 1)), "must be finite"),
-        (lambda x, y, z: float(x), ("box", (0, 1), (0, 1), (0, 1)), "arrays have the shape"),
-        (0.0, ("box", (0, 1), (0, 1), (0, 1)), "must be positive"),
-        (
-            1.0,
-            ("box", (1, 0), (1, 0), (0, 1)),
-            "lower limit exceeds",
-        ),  # reversed twice: the volume would be right
-        (1.0, ("sphere", 1.0), "expected .*cylinder"),
-        (1.0, ("box", (0, 1), (0, 1)), "expected .*cylinder"),
-        (1.0, ((0, 1), (0, 1)), "three pairs"),
-    ],
-)
-def test_bad_densities(density, region, rule):
-    with pytest.raises(SceneError, match=rule):
-        Body.from_density(density, region)
+CUBE = "box", (0, 1), (0, 1), (0, 1)
+BOX = Body.box(1.0, (1, 1, 1))
+ON_A_LINE = [(1, 0.3, 0.7), (2, 0.6, 1.4), (-3, -0.9, -2.1)]
 
 
 @pytest.mark.parametrize(
     ("make", "rule"),
     [
+        *((lambda density=density, region=region: Body.from_density(density, region), rule)
+          for density, region, rule in (
+            (lambda x, y, z: x - 0.1, CUBE, "not negative"),
+            (lambda x, y, z: x * np.nan, CUBE, "must be finite"),
+            (lambda x, y, z: float(x), CUBE, "arrays have the shape"),
+            (lambda x, y, z: np.where(x > 0.1, 1.0, 2.0) + 0.0 * (y + z), CUBE,
+             "relative difference of two rules is"),
+            (0.0, CUBE, "must be positive"),
+            # reversed twice: the volume would be right
+            (1.0, ("box", (1, 0), (1, 0), (0, 1)), "lower limit exceeds"),
+            (1.0, ("sphere", 1.0), "expected .*cylinder"),
+            (1.0, ("box", (0, 1), (0, 1)), "expected .*cylinder"),
+            (1.0, ((0, 1), (0, 1)), "three pairs"),
+        )),
         (lambda: Body.box(1.0, (1.0, 2.0)), r"\[body.box\] size .*3 components"),
         (lambda: Body.box(1.0, 1.0), "3 components"),
-        (
-            lambda: Body.cylinder(1.0, [1.0, 2.0], 1.0),
-            r"\[body.cylinder\] radius .*a finite number",
-        ),
+        (lambda: Body.cylinder(1.0, [1, 2], 1.0), r"\[body.cylinder\] radius .*a finite number"),
         (lambda: Body.solid("plate", mass=1.0, size=(1.0, 2.0, 3.0)), "2 components"),
-        (
-            lambda: Body.solid("ellipsoid", mass=1.0, semiaxes=(1.0, -2.0, 3.0)),
-            "semiaxes = -2.0: must be positive",
-        ),
+        (lambda: Body.solid("ellipsoid", mass=1.0, semiaxes=(1, -2.0, 3)), "semiaxes = -2.0: must"),
         (lambda: Body.solid("ball", mass=rm.uniform(1, 2), radius=1.0), "a plain number"),
-        (lambda: Body.box(1.0, (1, 1, 1)).join(3), "only bodies"),
-        (
-            lambda: Body.box(1.0, (1, 1, 1)).join(Body.box(1.0, (1, 1, 1)), at=(1, 2)),
-            "at .*3 components",
-        ),
-        (
-            lambda: Body.from_particles([1, 1], [(1, 1, 1), (2, 2, 2)]),
-            "all mass lies on a line",
-        ),  # a slanting line
-        (
-            lambda: Body.from_particles(
-                [1, 1, 0.3], [(1, 0.3, 0.7), (2, 0.6, 1.4), (-3, -0.9, -2.1)]
-            ),
-            "all mass lies on a line",
-        ),
+        (lambda: BOX.join(3), "only bodies"),
+        (lambda: BOX.join(BOX, at=(1, 2)), "at .*3 components"),
+        (lambda: Body.from_particles([1, 1], [(1, 1, 1), (2, 2, 2)]), "all mass lies on a line"),
+        (lambda: Body.from_particles([1, 1, 0.3], ON_A_LINE), "all mass lies on a line"),
         (lambda: inertia.principal_axes(np.full((3, 3), np.nan)), "finite components"),
         (lambda: inertia.principal_axes(np.zeros((3, 3))), "all moments are 0"),
     ],
-)
-def test_bad_solids(make, rule):
+)  # fmt: skip
+def test_bad_densities_and_solids(make, rule):
     with pytest.raises(SceneError, match=rule):
         make()
 
@@ -213,16 +170,9 @@ def test_every_solid_is_a_shape_of_scene_files(name):
     assert not inertia.violates_triangle(np.array(scene.body.moments))
     with pytest.raises(SceneError, match=rf"\[body.{name}\].*mss"):
         rm.Scene.loads(text.replace(" = {", " = { mss = 1.0,", 1))
-    with pytest.raises(SceneError, match=rf"\[body.{name}\]"):  # a list where a number belongs
-        rm.Scene.loads(re.sub(r"(\d\.\d+|\d{4}\.0)", r"[\1]", text, count=1))
-    with pytest.raises(
-        SceneError, match=rf"\[body.{name}\]"
-    ):  # and the other way round, or one list too many
-        rm.Scene.loads(
-            re.sub(
-                r"(size|semiaxes) = \[.*\]|(radius|inner) = [\d.]+",
-                lambda m: m[0].partition("=")[0] + "= [[1.0]]",
-                text,
-                count=1,
-            )
-        )
+    for pattern, to in (  # a list where a number belongs; and the other way round, or one too many
+        (r"(\d\.\d+|\d{4}\.0)", r"[\1]"),
+        (r"(size|semiaxes) = \[.*\]|(radius|inner) = [\d.]+", r"\1\2 = [[1.0]]"),
+    ):
+        with pytest.raises(SceneError, match=rf"\[body.{name}\]"):
+            rm.Scene.loads(re.sub(pattern, to, text, count=1))

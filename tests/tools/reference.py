@@ -82,6 +82,18 @@ def true_end(problem, time=None, damping=0.0):
     return np.array(q, float), np.array(l, float)
 
 
+def apart(a, b=0.0):
+    """The largest |a - b|; nan if there is one."""
+    return np.abs(np.subtract(a, b)).max()
+
+
+def off(motion, truth, least=0.0):
+    """(error of the momentum over its size, or over `least`, of the attitude [rad]) of a motion."""
+    q, l = (np.array(x, float) for x in truth)
+    size = max(np.linalg.norm(l), least)
+    return apart(motion.momentum, l) / size, attitude_error(motion.attitude, q)
+
+
 def attitude_error(q, p):
     """Angle between attitudes (4, ...) [rad]; not arccos |q.p|, which loses half the digits."""
     q, p = np.asarray(q, float), np.asarray(p, float)
