@@ -19,7 +19,7 @@ from rigidmc.protocols import event, running, select
 from rigidmc.results.variables import NEWER
 from rigidmc.statistics import censored, intervals
 from rigidmc.studies.stability_map.picture import stability_map as drawn
-from tests.statistics.test_estimates import SCENE
+from tests.statistics.test_estimates import SAVE, SCENE
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 
@@ -103,11 +103,8 @@ def test_few_members():
         found = censored.censored_quantile(times, 0.5, 0.95)
         assert np.isnan(found.value) == (np.isnan(times).all())
         assert not found.value < 0.0 and not found.low < 0.0
-    assert tuple(censored.censored_quantile(np.array([-3.0, -3.0]), 0.5, 0.95)) == (
-        np.inf,
-        0.0,
-        np.inf,
-    )
+    none = censored.censored_quantile(np.array([-3.0, -3.0]), 0.5, 0.95)
+    assert tuple(none) == (np.inf, 0.0, np.inf)
     assert censored.censored_quantile(np.full(400, -3.0), 0.5, 0.95).words() == (
         "beyond 3, 95 % above 3; no event by 3 s in 100 % of the members"
     )
@@ -116,7 +113,7 @@ def test_few_members():
 @pytest.fixture(scope="module")
 def runs():
     """The same tops to t = 5, and to 60, when all have flipped."""
-    return [rm.simulate(SCENE, members=2000, t_end=t, save=("flips",)) for t in (5.0, 60.0)]
+    return [rm.simulate(SCENE, members=2000, t_end=t, save=SAVE) for t in (5.0, 60.0)]
 
 
 def test_short_runs_tell_what_long_ones_do(runs):
@@ -147,8 +144,8 @@ def test_the_mean_of_what_is_not_known_is_refused(runs):
     ):  # fmt: skip
         with pytest.raises(OptionError, match=r"% of the members have no flip_first .*median"):
             short.rigid.measure(text)
-    some = short.rigid.measure("mean(flip_first | flip_first <= 5)")
-    assert some.value == pytest.approx(np.nanmean(short.flip_first.values), rel=1e-14)
+    some = short.rigid.measure("mean(flip_first | flip_first <= 5)").value
+    assert some == pytest.approx(np.nanmean(short.flip_first.values), rel=1e-14)
     with pytest.raises(OptionError, match=r"followed only until 5 s, not until 30 s"):
         short.rigid.measure("p(flip_first >= 30)")
     # waits are no times of events: they are of the members that have them, and say so
@@ -201,10 +198,8 @@ def test_results_of_earlier_versions_and_of_others(runs, tmp_path):
     with pytest.raises(rm.RigidmcError, match="followed_until"):
         read(str(tmp_path / "old.nc"), "followed_until")
     # members that were followed for different times, put together by xarray
-    parts = [one.drop_vars("time") for one in runs]
-    both = xr.concat(
-        [parts[0].isel(member=slice(1000)), parts[1].isel(member=slice(1000, 1200))], "member"
-    )
+    some = zip(runs, (slice(1000), slice(1000, 1200)), strict=True)
+    both = xr.concat([one.drop_vars("time").isel(member=part) for one, part in some], "member")
     found = both.rigid.measure(text)
     truth = np.median(long.flip_first.fillna(math.inf).values)
     assert found.low < truth < found.high
@@ -294,10 +289,8 @@ def test_which_outputs_are_times_of_events():
     assert event_times("slow_at", SlowAt()) == {"slow_at": 0.0}
     stated = type("Stated", (SlowAt,), {"event_times": ()})
     assert event_times("slow_at", stated()) == {}
-    assert (
-        event_times("omega_max", SCENE.with_run(save=("omega_max",)).recording.monitored[0][1])
-        == {}
-    )
+    (_, statistic), *_ = SCENE.with_run(save=("omega_max",)).recording.monitored
+    assert event_times("omega_max", statistic) == {}
     wrong = type("Wrong", (SlowAt,), {"event_times": ("other",)})
     with pytest.raises(rm.SceneError, match=r"event_times: is .*expected a tuple of names"):
         rm.prepare(SCENE.with_run(save=(wrong(),)))
@@ -314,24 +307,28 @@ def test_negative_numbers_are_no_times_of_events(runs):
     assert ds.rigid.measure("p(lag < 0)").without == pytest.approx(np.isnan(ds.lag).mean())
 
 
+def until(text):
+    return rm.simulate_until(SCENE, text, t_end=5.0)
+
+
 def test_studies_take_a_time_that_has_not_come_for_later():
-    text, count = "p(flip_first >= 4.5)", 512
+    text, count, mean = "p(flip_first >= 4.5)", 512, "mean(flip_first)"
+    for refused, words in (
+        (lambda: rm.sensitivity(SCENE, mean, count, t_end=5.0), "have no flip_first"),
+        (lambda: until(f"{mean} +- 1 %"), "have no flip_first"),
+        (lambda: until("quantile(flip_first, 0.99) +- 1 %"), "is later than 5 s"),
+        (lambda: until("p(flip_first >= 6) +- 0.1"), "not until 6 s"),
+    ):
+        with pytest.raises(OptionError, match=words):
+            refused()
     found = rm.sensitivity(SCENE, text, count, t_end=5.0)
     long = rm.sensitivity(SCENE, text, count, t_end=60.0)
     assert found.total.values.tolist() == long.total.values.tolist()
     assert int(found.families[0]) == count and found["mean"] > 0.2
-    with pytest.raises(OptionError, match="have no flip_first"):
-        rm.sensitivity(SCENE, "mean(flip_first)", count, t_end=5.0)
     ends = rm.basins(SCENE, text, 64, t_end=5.0)
     assert ends.attrs["left_out"] == 0 and set(ends.basin.values.tolist()) == {0, 1}
-    with pytest.raises(OptionError, match="have no flip_first"):
-        rm.simulate_until(SCENE, "mean(flip_first) +- 1 %", t_end=5.0)
-    with pytest.raises(OptionError, match="is later than 5 s"):
-        rm.simulate_until(SCENE, "quantile(flip_first, 0.99) +- 1 %", t_end=5.0)
-    _, reached = rm.simulate_until(SCENE, "quantile(flip_first, 0.1) +- 5 %", t_end=5.0)
+    _, reached = until("quantile(flip_first, 0.1) +- 5 %")
     assert reached.half <= 0.05 * reached.value and reached.without > 0.2
-    with pytest.raises(OptionError, match="not until 6 s"):
-        rm.simulate_until(SCENE, "p(flip_first >= 6) +- 0.1", t_end=5.0)
 
 
 def test_maps_take_a_time_that_has_not_come_for_later():
@@ -358,7 +355,7 @@ def test_maps_take_a_time_that_has_not_come_for_later():
 def test_rare_counts_no_member_as_flagged_for_a_time_that_has_not_come():
     late = rm.rare(SCENE, "p(flip_first >= 4.5)", members=200, repetitions=4, t_end=5.0)
     assert int(late.flagged.sum()) == 0
-    plain = rm.simulate(SCENE, members=4000, t_end=5.0, save=("flips",))
+    plain = rm.simulate(SCENE, members=4000, t_end=5.0, save=SAVE)
     share = plain.rigid.measure("p(flip_first >= 4.5)")
     assert late.p_low < share.high and share.low < late.p_high and share.value > 0.2
     with pytest.raises(OptionError, match="ends at t_end = 5 s"):

@@ -16,11 +16,12 @@ SCENE = rm.Scene(
     rm.Body.from_moments((0.5, 1.0, 1.4)),
     start=rm.Start(omega=(rm.normal(0.0, 0.3), 1.0, rm.normal(0.0, 0.3))),
 ).with_run(integrator="rk8", dt=0.5, t_end=60.0)
+SAVE = "flips", "omega_max"  # of all tests of measures, whose code is compiled once
 
 
 @pytest.fixture(scope="module")
 def result():
-    ds = rm.simulate(SCENE, members=3000, save=("flips", "omega_max"))
+    ds = rm.simulate(SCENE, members=3000, save=SAVE)
     status = ds.status.values.copy()
     status[::100] = 3  # left out
     return ds.assign(status=ds.status.copy(data=status))
@@ -48,19 +49,11 @@ def test_a_correlation_is_that_of_scipy(result):
     a, b = result.start_omega.values[0], result.flip_wait.values
     some = good & np.isfinite(b)
     for condition, chosen in (("", some), (" | flips >= 3", some & (result.flips.values >= 3))):
-        found = result.rigid.measure(
-            f"correlation(start_omega[1], flip_wait{condition})", None, 0.9
-        )
+        text = f"correlation(start_omega[1], flip_wait{condition})"
         exact = stats.pearsonr(a[chosen], b[chosen])
         ends = exact.confidence_interval(0.9)
+        found = result.rigid.measure(text, None, 0.9)
         assert found == pytest.approx((exact.statistic, *ends), rel=1e-12)
-    late = "correlation(flip_first, omega_max[3])"
-    groups = result.rigid.measure(late, by="flips")
-    for count in groups.flips.values:
-        alone = result.isel(member=good & (result.flips.values == count)).rigid.measure(late)
-        row = groups.sel(flips=count)
-        one = float(row.value), float(row.low), float(row.high)
-        assert one == pytest.approx(tuple(alone), rel=1e-12, nan_ok=True)
     with pytest.raises(OptionError, match="three components"):
         result.rigid.measure("correlation(flips, omega_max)")
 
@@ -75,18 +68,18 @@ def test_the_interval_of_a_correlation_covers_as_promised():
     assert np.isnan(correlation(np.ones(5), one[0, :5]).value)
 
 
-def test_groups_are_the_members_with_the_same_number(result):
-    found = result.rigid.measure("mean(flip_first)", by="flips")
-    good = result.status.values == 0
+@pytest.mark.parametrize("text", ["mean(flip_first)", "correlation(flip_first, omega_max[3])"])
+def test_groups_are_the_members_with_the_same_number(result, text):
+    found, good = result.rigid.measure(text, by="flips"), result.status.values == 0
     assert int(found.members.sum()) == good.sum()
     for count in found.flips.values:
-        chosen = good & (result.flips.values == count)
-        alone = result.isel(member=chosen).rigid.measure("mean(flip_first)")
-        row = found.sel(flips=count)
+        chosen, row = good & (result.flips.values == count), found.sel(flips=count)
+        alone = result.isel(member=chosen).rigid.measure(text)
         assert int(row.members) == chosen.sum()
         one = float(row.value), float(row.low), float(row.high)
         assert one == pytest.approx(tuple(alone), rel=1e-12, nan_ok=True)
-    assert found.value.units == found.low.units == "s" and found.without.units == "1"
+    unit = "s" if text.startswith("mean") else "1"
+    assert found.value.units == found.low.units == unit and found.without.units == "1"
     assert result.rigid.measure("p(flip_first > 9)", by="flips").value.units == "1"
 
 
@@ -98,18 +91,17 @@ def test_what_cannot_be_measured_is_told(result, monkeypatch):
     monkeypatch.setattr(estimates, "MOST_GROUPS", 2)
     with pytest.raises(OptionError, match="at most 2 groups"):
         result.rigid.measure("p(flips >= 1)", by="flips")
-    sobol = rm.simulate(SCENE, members=64, points="sobol", save=("flips",))
+    sobol = rm.simulate(SCENE, members=64, points="sobol", save=SAVE)
     value, low, high = sobol.rigid.measure("p(flips >= 1)")
     assert 0.0 < value <= 1.0 and np.isnan([low, high]).all()
 
 
+CORRELATION = "correlation(flips, omega_max[3])"
+
+
 def test_a_map_takes_a_condition():
     sides = ("body.moments.1", 0.45, 0.9), ("start.omega.2", 0.5, 1.5)
-    texts = (
-        "mean(flip_wait | flips >= 3)",
-        "p(flips >= 4 | flips >= 3)",
-        "correlation(flips, omega_max[3])",
-    )
+    texts = "mean(flip_wait | flips >= 3)", "p(flips >= 4 | flips >= 3)", CORRELATION
     ds = rm.stability_map(SCENE, *sides, texts, (3, 2), 40)
     pixels = rm.simulate(rm.Scene.loads(ds.attrs["scene"]))
     good, flips = pixels.status.values == 0, pixels.flips.values

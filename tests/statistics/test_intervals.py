@@ -16,8 +16,6 @@ from rigidmc.statistics.intervals import (
     quantile,
 )
 
-REPEATED = 2000
-
 
 @pytest.mark.parametrize(("method", "word"), [("wilson", "wilson"), ("clopper-pearson", "exact")])
 def test_probabilities_are_those_of_scipy(method, word):
@@ -49,26 +47,13 @@ def covered(intervals, truth):
     return np.mean((intervals.low <= truth) & (truth <= intervals.high))
 
 
-@pytest.mark.parametrize("p", [0.03, 0.3, 0.77])
-def test_probabilities_cover(p):
-    """95 % intervals of 2,000 studies of 400 members: one standard error of the share is 0.5 %."""
-    k = np.random.default_rng(1).binomial(400, p, REPEATED)
-    assert 0.93 < covered(probability(k, 400), p) < 0.97
-    assert covered(probability(k, 400, method="clopper-pearson"), p) > 0.94
-    assert covered(probability(k, 400, 0.5), p) < 0.6  # with half the confidence
-
-
-def test_means_cover():
-    some = np.random.default_rng(2)
-    x = some.gamma(4.0, size=(REPEATED, 60))
-    assert 0.93 < covered(mean(x), 4.0) < 0.97
-    assert covered(mean(x), 4.3) < 0.9
-    x[:, 3] = np.nan
-    assert mean(x[0]).value == pytest.approx(np.nanmean(x[0]), rel=1e-15)
-    theirs = stats.t.interval(
-        0.95, 59, *stats.norm.fit(np.arange(60.0))[:1], scale=stats.sem(np.arange(60.0))
-    )
-    assert mean(np.arange(60.0))[1:] == pytest.approx(theirs, rel=1e-13)
+def test_means_are_those_of_student():
+    x = np.random.default_rng(2).gamma(4.0, size=(20, 60))
+    x[7, 3] = np.nan
+    for row in x:
+        known = row[np.isfinite(row)]
+        ends = stats.t.interval(0.95, known.size - 1, known.mean(), stats.sem(known))
+        assert mean(row) == pytest.approx((known.mean(), *ends), rel=1e-13)
 
 
 def test_means_of_skew_laws_cover():
@@ -110,16 +95,6 @@ def test_intervals_cover(name):
     """As `python -m bench coverage`: 93 to 97 %, over 1,000 repeated studies or more."""
     found = shares(name)
     assert found.min() >= 0.93 and found.max() <= 0.97  # measured 0.935 to 0.967
-
-
-@pytest.mark.parametrize("q", [0.1, 0.5, 0.99])
-def test_quantiles_cover(q):
-    some = np.random.default_rng(3)
-    hit = [
-        low <= stats.expon.ppf(q) <= high
-        for _, low, high in (quantile(some.exponential(size=300), q) for _ in range(REPEATED))
-    ]
-    assert 0.94 < np.mean(hit) < 0.99  # measured 0.971, 0.955, 0.988: the ranks are whole
 
 
 @pytest.mark.parametrize("q", [0.02, 0.5, 0.9])

@@ -60,32 +60,23 @@ def test_spreads_are_those_of_numpy(name, small):
 
 def test_memory_is_bounded(small, monkeypatch):
     """No bracket keeps more numbers than it may, even if its sample misleads it."""
-    kept = []
-    take = spread._Bracket.take
+    kept, calls = [], []
+    take, passed = spread._Bracket.take, spread._passed
 
     def watched(self, found):
         take(self, found)
         kept.append(self._held)
 
-    monkeypatch.setattr(spread._Bracket, "take", watched)
-    monkeypatch.setattr(spread, "SURE", 1e9)  # brackets that exclude nothing
-    dataset = xr.Dataset(
-        {"status": ("member", np.zeros(MANY, "i1")), "x": ("member", CASES["normal"])}
-    )
-    with pytest.raises(RuntimeError):
-        monkeypatch.setattr(spread, "_passed", once(spread._passed))
-        spread.spreads(dataset, [spread.Row("x")], QUANTILES)
-    assert max(kept) <= spread.KEPT and len(kept) >= MANY // 100
-
-
-def once(passed):
-    """Return `passed`, which fails when it is called twice."""
-    calls = []
-
-    def call(*given):
-        calls.append(1)
+    def once(*given):
+        calls.append(given)
         if len(calls) > 1:
             raise RuntimeError("second pass")
         return passed(*given)
 
-    return call
+    monkeypatch.setattr(spread._Bracket, "take", watched)
+    monkeypatch.setattr(spread, "_passed", once)
+    monkeypatch.setattr(spread, "SURE", 1e9)  # brackets that exclude nothing
+    values = {"status": ("member", np.zeros(MANY, "i1")), "x": ("member", CASES["normal"])}
+    with pytest.raises(RuntimeError):
+        spread.spreads(xr.Dataset(values), [spread.Row("x")], QUANTILES)
+    assert max(kept) <= spread.KEPT and len(kept) >= MANY // 100
