@@ -10,9 +10,8 @@ RNG = np.random.default_rng(20)
 
 
 def axes_of(tensor):
-    values = principal(
-        tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[1, 2], tensor[2, 0], tensor[0, 1]
-    )
+    (xx, xy, zx), (_, yy, yz), (_, _, zz) = tensor
+    values = principal(xx, yy, zz, yz, zx, xy)
     return np.array(values[:3]), np.array(values[3:]).reshape(3, 3).T
 
 
