@@ -1,6 +1,7 @@
 """A body in a bath: Gibbs' law, the bias of the step, and the same bits in any blocks."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -24,9 +25,8 @@ def settled():
 
 
 def energy(ds):
-    return (
-        0.5 * float(np.mean((ds.momentum.values[-1] ** 2 / np.array(MOMENTS)[:, None]).sum(0))) / KT
-    )
+    """Kinetic energy over kT."""
+    return float((ds.momentum.values[-1] ** 2 / np.array(MOMENTS)[:, None]).sum(0).mean()) / 2 / KT
 
 
 def test_gibbs(settled):
@@ -53,25 +53,13 @@ def test_the_bias_falls_as_the_square_of_the_step():
 
 
 def test_the_same_bits_in_any_blocks():
-    one = rm.simulate(SCENE, members=512, t_end=2.0)
-    other = rm.simulate(SCENE, members=512, t_end=2.0, block=64, threads=1)
-    part = rm.simulate(SCENE, members=range(100, 300), t_end=2.0)
-    assert np.array_equal(one.momentum, other.momentum)
-    assert np.array_equal(one.momentum[..., 100:300], part.momentum)
-    assert not np.array_equal(
-        one.momentum, rm.simulate(SCENE, members=512, t_end=2.0, seed=1).momentum
-    )
+    def momentum(members=512, **run):
+        return rm.simulate(SCENE, members=members, t_end=2.0, **run).momentum
 
-
-def test_two_baths_are_one():
-    with pytest.raises(
-        rm.SceneError, match=r"give one bath: two act as one with gamma = gamma_1 \+ gamma_2"
-    ):
-        rm.prepare(
-            rm.Scene(BODY, (rm.Bath(1.0, 1.0), rm.Bath(2.0, 0.5)), SCENE.start).with_run(
-                integrator="strang"
-            )
-        )
+    one = momentum()
+    assert np.array_equal(one, momentum(block=64, threads=1))
+    assert np.array_equal(one[..., 100:300], momentum(range(100, 300)))
+    assert not np.array_equal(one, momentum(seed=1))
 
 
 def test_the_ledger_of_a_bath_flags_no_one():
@@ -87,20 +75,34 @@ def test_the_ledger_of_a_bath_flags_no_one():
     assert np.abs(fine.energy - fine.energy[0] - fine.work.sel(effect="bath")).max() < 3e-4
 
 
-def test_integrators_that_take_noise():
-    for name in ("rk4", "srkn11", "exact", "chin4"):
-        with pytest.raises(
-            rm.SceneError,
-            match=r"bath is random and needs a splitting of order 2; use (strang|rotations)",
-        ):
-            rm.simulate(SCENE, integrator=name)
-    with pytest.raises(rm.SceneError, match="kT"):
-        rm.Bath(1.0, -1.0) and rm.Scene(BODY, (rm.Bath(1.0, -1.0),))
-    with pytest.raises(rm.SceneError, match="noise"):
-        rm.Scene.loads(
-            "[body]\nmoments=[1,2,3]\n[start]\nomega=[0,0,1]\n"
-            "[effects.bath]\ngamma=1.0\nkT=1.0\nnoise=[1,2,3]"
-        )
+FILE = """
+[body]
+moments=[1,2,3]
+[start]
+omega=[0,0,1]
+[effects.bath]
+gamma=1.0
+kT=1.0
+noise=[1,2,3]
+"""
+NEEDS = r"bath is random and needs a splitting of order 2; use (strang|rotations)"
+TWO = rm.Scene(BODY, (rm.Bath(1.0, 1.0), rm.Bath(2.0, 0.5)), SCENE.start)
+
+
+@pytest.mark.parametrize(
+    ("refused", "words"),
+    [
+        *((lambda name=name: rm.simulate(SCENE, integrator=name), NEEDS)
+          for name in ("rk4", "srkn11", "exact", "chin4")),
+        (lambda: rm.Scene(BODY, (rm.Bath(1.0, -1.0),)), "kT"),
+        (lambda: rm.Scene.loads(FILE), "noise"),
+        (lambda: rm.prepare(TWO.with_run(integrator="strang")),
+         r"give one bath: two act as one with gamma = gamma_1 \+ gamma_2"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(refused, words):
+    with pytest.raises(rm.SceneError, match=words):
+        refused()
 
 
 def test_the_picture_has_the_run_and_the_law():
@@ -114,9 +116,8 @@ def test_the_picture_has_the_run_and_the_law():
     # of exp(-x cos), by inversion
     cosine = -np.log(np.exp(-x) + some.random(n) * 2.0 * np.sinh(x)) / x
     tilt, turn = 0.5 * np.arccos(cosine), 2.0 * np.pi * some.random(n)
-    q = np.stack(
-        [np.cos(tilt), np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.zeros(n)]
-    )
+    s = np.sin(tilt)
+    q = np.stack([np.cos(tilt), s * np.cos(turn), s * np.sin(turn), np.zeros(n)])
     ds = rm.simulate(SCENE, members=n, t_end=0.2, dt=0.2)
     ds["momentum"][-1] = some.normal(size=(3, n)) * np.sqrt(np.array(MOMENTS) * KT)[:, None]
     ds["attitude"][-1] = q
@@ -125,21 +126,14 @@ def test_the_picture_has_the_run_and_the_law():
     assert len(left.patches) == 3
     heat = float(left.get_title().split(" = ")[1].split(" ±")[0])
     assert abs(heat - 1.0) < 0.015  # standard error 0.004
-    told = [
-        float(word)
-        for word in right.get_title().replace("$", " ").replace(";", " ").split()
-        if word.strip("-").replace(".", "").isdigit()
-    ]
+    told = [float(word) for word in re.findall(r"-?\d+\.\d+", right.get_title())]
     theory = x * (1.0 / x - 1.0 / math.tanh(x))
     assert abs(told[0] - theory) < 4.0 * told[1]
     assert abs(told[2] - theory) < 0.01  # 200,000 attitudes
     bars, law = (patch.get_data().values for patch in right.patches)
     assert np.abs(bars - law).max() < 0.12 * law.max()
+    free = rm.Scene(BODY, (), rm.Start(omega=(0.0, 0.0, 1.0)))
     with pytest.raises(ValueError, match="scene with exactly one bath"):
-        gibbs(
-            rm.simulate(
-                rm.Scene(BODY, (), rm.Start(omega=(0.0, 0.0, 1.0))), integrator="closed", members=32
-            )
-        )
+        gibbs(rm.simulate(free, integrator="closed", members=32))
     with pytest.raises(ValueError, match="which were not saved"):
         gibbs(ds.drop_vars("attitude"))

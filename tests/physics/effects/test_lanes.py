@@ -26,11 +26,8 @@ def test_strang_with_the_flows_of_all_effects():
         from_numbers(type(e), [v * some.uniform(0.8, 1.2, MEMBERS) for _, _, v in numbers(e)])
         for e in effects
     )
-    body, q, l = (
-        MassProperties.of(MOMENTS, STATIC),
-        some.normal(size=(4, MEMBERS)),
-        some.normal(size=(3, MEMBERS)),
-    )
+    body = MassProperties.of(MOMENTS, STATIC)
+    q, l = some.normal(size=(4, MEMBERS)), some.normal(size=(3, MEMBERS))
     q /= np.linalg.norm(q, axis=0)
     block = make_block(body, each, q, l)
     made = prepare(INTEGRATORS["strang"], 0.2, effects)
@@ -50,13 +47,9 @@ def test_strang_with_the_flows_of_all_effects():
 
 def test_an_orbit_whose_cube_is_past_float32():
     body = rm.Body.from_moments((1.0, 1.1, 1.2))
-    scene = rm.Scene(
-        body, (rm.GravityGradient(1e20, 1e13, 0.3, -2.0),), rm.Start(omega=(0.0, 0.0, 0.0))
-    )
-    scene = scene.with_run(dt=1.5e7, t_end=3e9, members=32)
-    one, two = (
-        rm.simulate(scene, dtype=dtype).omega.values[-1] for dtype in ("float64", "float32")
-    )
+    orbit, rest = rm.GravityGradient(1e20, 1e13, 0.3, -2.0), rm.Start(omega=(0.0, 0.0, 0.0))
+    scene = rm.Scene(body, orbit, rest).with_run(dt=1.5e7, t_end=3e9, members=32)
+    one, two = (rm.simulate(scene, dtype=d).omega.values[-1] for d in ("float64", "float32"))
     assert np.abs(one).max() > 1e-12
     assert np.abs(one - two).max() < 1e-4 * np.abs(one).max()
 

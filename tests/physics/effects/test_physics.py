@@ -68,26 +68,35 @@ def test_two_effects_add_up_in_any_order():
     assert np.abs(one[1] - two[1]).max() < 3e-15  # measured 7e-16
 
 
-def test_drag_about_a_principal_axis():
-    """omega(t) = omega(0)/(1 + c omega(0) t/I)."""
-    _, l = moved((QuadraticDrag(0.3),), ONE, (0.0, 0.0, 2.0), 0.05, 100)
-    assert l[2] == pytest.approx(2.0 / (1.0 + 0.3 * 2.0 * 5.0), rel=1e-14)  # measured 4e-16
+AXIS = (0.0, 0.0, 2.0)
+# After 5 s, a function of attitude and momentum grows by this, to these digits: of drag c and
+# moment I, 1/w by c t/I; of friction, sqrt(w^2 + s^2) - s arsinh(s/w) by -T t/I; of a torque about
+# the vertical, L_z; of damping, ln |L| about each axis by its own rate. Measured 4e-16 at most.
+KNOWN_MOTIONS = {
+    "drag": (QuadraticDrag(0.3), AXIS, lambda q, l: 1.0 / l[2], 0.3 * 5.0, 1e-14),
+    "friction": (
+        DryFriction(0.4, 0.2), AXIS,
+        lambda q, l: math.hypot(l[2], 0.2) - 0.2 * math.asinh(0.2 / l[2]), -0.4 * 5.0, 1e-14,
+    ),
+    "vertical": (
+        SpaceTorque((0.0, 0.0, 0.3)), (0.4, -0.3, 0.5),
+        lambda q, l: dot(tuple(l), vertical(tuple(q))), 0.3 * 5.0, 1e-14,
+    ),
+    "axial": (
+        AxialDamping((0.3, 0.1, 0.6)), (0.0, 2.0, 0.0), lambda q, l: math.log(l[1]), -0.1 * 5.0,
+        1e-13,
+    ),
+}  # fmt: skip
 
 
-def test_friction_about_a_principal_axis():
-    """sqrt(w^2 + s^2) - s arsinh(s/w) falls as T t/I."""
-    law = lambda w: math.hypot(w, 0.2) - 0.2 * math.asinh(0.2 / w)  # noqa: E731
-    _, l = moved((DryFriction(0.4, 0.2),), ONE, (0.0, 0.0, 2.0), 0.05, 100)
-    assert law(2.0) - law(l[2]) == pytest.approx(0.4 * 5.0, rel=1e-14)  # measured 2e-16
-
-
-def test_a_torque_about_the_vertical():
-    q, l = unit((0.5, -0.3, 0.7, 0.2)), (0.4, -0.3, 0.5)
-    at, end = moved((SpaceTorque((0.0, 0.0, 0.3)),), q, l, 0.05, 60)
-    # measured 1e-16
-    assert dot(tuple(end), vertical(tuple(at))) == pytest.approx(
-        dot(l, vertical(q)) + 0.9, abs=1e-14
-    )
+@pytest.mark.parametrize("name", KNOWN_MOTIONS)
+def test_motions_in_closed_form(name):
+    effect, l, function, change, off = KNOWN_MOTIONS[name]
+    q = unit((0.5, -0.3, 0.7, 0.2))
+    at, end = moved((effect,), q, l, 0.05, 100)
+    assert function(at, end) - function(q, l) == pytest.approx(change, rel=off, abs=off)
+    spun = np.flatnonzero(l)
+    assert not np.delete(end, spun).any() or spun.size == 3
 
 
 def test_a_needle_in_a_field():
@@ -96,14 +105,8 @@ def test_a_needle_in_a_field():
     body = MassProperties.of((1.0, 1.0, 0.01), (0.0, 0.0, 0.0))
     period = 4.0 * ellipk(math.sin(0.5 * a) ** 2) / math.sqrt(strength)
     q = (math.cos(0.5 * a), math.sin(0.5 * a), 0.0, 0.0)
-    at, l = moved(
-        (UniformField((0.0, 0.0, 0.5), (0.0, 0.0, 3.0)),),
-        q,
-        (0.0, 0.0, 0.0),
-        period / 200,
-        200,
-        body,
-    )
+    field = UniformField((0.0, 0.0, 0.5), (0.0, 0.0, 3.0))
+    at, l = moved((field,), q, (0.0, 0.0, 0.0), period / 200, 200, body)
     assert attitude_error(at, q) < 1e-14  # measured 8e-16
     assert np.abs(l).max() < 1e-14  # measured 3e-16
 
@@ -113,14 +116,10 @@ def test_libration_on_a_circular_orbit():
     swings about it by 1e-4 rad.
     """
     moments, n, small = (0.5, 0.8, 1.0), 1.0, 1e-4
-    body, period = (
-        MassProperties.of(moments, (0.0, 0.0, 0.0)),
-        2.0 * math.pi / math.sqrt(3.0 * (0.8 - 0.5) / 1.0),
-    )
+    body = MassProperties.of(moments, (0.0, 0.0, 0.0))
+    period, start = 2.0 * math.pi / math.sqrt(3.0 * (0.8 - 0.5) / 1.0), (0.0, 0.0, n * moments[2])
     q = (math.cos(0.5 * small), 0.0, 0.0, math.sin(0.5 * small))
-    at, l = moved(
-        (GravityGradient(1.0, 1.0),), q, (0.0, 0.0, n * moments[2]), period / 200, 200, body
-    )
+    at, l = moved((GravityGradient(1.0, 1.0),), q, start, period / 200, 200, body)
     turned = 2.0 * math.atan2(at[3], at[0]) - n * period
     assert abs(math.remainder(turned - small, 2.0 * math.pi)) < 1e-13  # measured 4e-15
     # measured 1.5e-12: the period is right to 3e-9, the effect of the amplitude
@@ -131,26 +130,16 @@ def unstable(wheel):
     """Whether a spin of 1 rad/s about the middle axis, with a wheel along it, loses 1e-6 of its
     rate within 60 s.
     """
-    moments = (1.0, 2.0, 3.0)
-    lost = []
-    start = (1e-6, 2.0, 1e-6)
-    moved(
-        (Rotor((0.0, wheel, 0.0)),), ONE, start, 0.25, 240,
-        MassProperties.of(moments, (0.0, 0.0, 0.0)), "rk4",
-        lambda t, q, l: lost.append(abs(l[0]) + abs(l[2])),
-    )  # fmt: skip
+    body, lost = MassProperties.of((1.0, 2.0, 3.0), (0.0, 0.0, 0.0)), []
+    moved((Rotor((0.0, wheel, 0.0)),), ONE, (1e-6, 2.0, 1e-6), 0.25, 240, body, "rk4",
+          lambda t, q, l: lost.append(abs(l[0]) + abs(l[2])))  # fmt: skip
     return max(lost) > 1e-4
 
 
 def test_a_wheel_makes_the_middle_axis_stable():
     """(I2 w + H - I1 w)(I2 w + H - I3 w) > 0: above H = 1 for moments 1, 2, 3, and below -1."""
-    assert [unstable(h) for h in (-1.03, -0.97, 0.0, 0.97, 1.03)] == [
-        False,
-        True,
-        True,
-        True,
-        False,
-    ]
+    assert all(unstable(h) for h in (-0.97, 0.0, 0.97))
+    assert not any(unstable(h) for h in (-1.03, 1.03))
 
 
 def stands(share):
@@ -159,28 +148,14 @@ def stands(share):
     """
     body, g, length = MassProperties.of((1.0, 1.0, 0.1), (0.0, 0.0, 1.0)), 1.0, 1.0
     frequency = 60.0
-    swing = share * math.sqrt(2.0 * g * length) / frequency
-    leans = []
-    q = (math.cos(5e-4), math.sin(5e-4), 0.0, 0.0)
-    shaken = (Gravity(g), MovingPivot((0.0, 0.0, swing), frequency))
-    moved(
-        shaken,
-        q,
-        (0.0, 0.0, 0.0),
-        2.0 * math.pi / frequency / 12.0,
-        5000,
-        body,
-        "rk4",
-        lambda t, q, l: leans.append(vertical(q)[2]),
-    )
+    swing, h = share * math.sqrt(2.0 * g * length) / frequency, math.pi / frequency / 6.0
+    q, leans = (math.cos(5e-4), math.sin(5e-4), 0.0, 0.0), []
+    shaken = Gravity(g), MovingPivot((0.0, 0.0, swing), frequency)
+    moved(shaken, q, (0.0, 0.0, 0.0), h, 5000, body, "rk4",
+          lambda t, q, l: leans.append(vertical(q)[2]))  # fmt: skip
     return min(leans) > 0.99
 
 
 def test_kapitzas_threshold():
     assert not stands(0.98)
     assert stands(1.02)
-
-
-def test_each_axis_fades_at_its_own_rate():
-    _, l = moved((AxialDamping((0.3, 0.1, 0.6)),), ONE, (0.0, 2.0, 0.0), 0.1, 50)
-    assert np.abs(l - [0.0, 2.0 * math.exp(-0.5), 0.0]).max() < 1e-13
