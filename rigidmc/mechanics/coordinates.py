@@ -194,6 +194,7 @@ def _along(coordinates: Coordinates, q: Array, rate: Array) -> Array:
     way = rate / (fastest or 1.0)  # 0 at rest, in any unit
     if not callable(coordinates):
         return fastest * rate_matrix(coordinates, q + 1j * STEP * way).imag / STEP
+    # order 4 leaves h^4/30 of the fifth derivative, 3e-14, as much as rounding by 1e-16/h
     h = 1e-3
     near = [rate_matrix(coordinates, q + k * h * way) for k in (-2, -1, 1, 2)]
     slope: Array = (8.0 * (near[2] - near[1]) - (near[3] - near[0])) * (fastest / (12.0 * h))
@@ -233,6 +234,8 @@ def _exponential_parts(v: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDA
     Uses series where x is small.
     """
     square = (v * v).sum(-1)[..., None, None]
+    # The quotients lose digits: (1 - cos x)/x^2 is 6e-15 off at 0.1 and 2e-11 at 1e-3, its series
+    # 1e-16.
     small = np.abs(square) < 1e-2
     x = np.sqrt(np.where(small, 1.0, square))
     s = np.where(small, square, 0.0)

@@ -94,7 +94,7 @@ def size_and_direction(l):
     l = scale(divide(1.0, big), l)  # squares of |L| < 1e-154 would underflow
     norm = math.sqrt(dot(l, l))
     one, two, three = scale(divide(1.0, norm), l)
-    # a unit vector: pure
+    # at rest the direction (0, 0, 1)
     return big * norm, (one, two, select(big > 0.0, three, 1.0))
 
 

@@ -38,7 +38,7 @@ def third(nu, one_plus_nu, m_plus_nu):
 
 def divide(a, b):
     """Return a/b; 0 if b is 0."""
-    # the quotient by 1 is not selected
+    # where b is 0 the quotient is unused; the divisor 1 keeps it finite
     return select(b == 0.0, 0.0, a / select(b == 0.0, 1.0, b))
 
 

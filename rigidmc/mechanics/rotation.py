@@ -181,7 +181,7 @@ def rotation_vector(attitude: Attitude) -> Array:
     size = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     # q and -q are one attitude: w >= 0 chooses the turn by at most pi
     angle = 2.0 * np.arctan2(size, q[..., :1])
-    # part of a unit quaternion; the quotient by 1 is not selected
+    # the limit at size 0 is 2; the divisor 1 keeps the unused quotient finite
     return np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0), 2.0) * q[..., 1:]
 
 

@@ -247,6 +247,8 @@ def _kink(at: Callable[[Array], Array], t_end: float, stated: Array) -> str:
         bends, width = _bends(at(some)), width / FINER
         i, last = int(np.argmax(bends)), bend
         bend, time = float(bends[i]), float(some[i + 1])
+    # On a grid FINER times as fine, a jump keeps its bend, a kink has 1/FINER of it, and a smooth
+    # torque 1/FINER^2.
     if bend > 0.3 * last:
         return f"jumps near t = {time:.4g} s"
     return f"has a kink near t = {time:.4g} s" if bend > 0.3 * last / FINER else ""

@@ -227,6 +227,7 @@ def _even(end: Fraction, step: Fraction, every: float, t_end: float) -> TimeGrid
 
 def _simple(ratio: Fraction) -> Fraction:
     """Return the fraction meant by a ratio of numbers with 16 digits, such as t_end/7 or 2^-30."""
+    # as large as LONGEST_STRIDE of `rigidmc.planning.saves`, which relies on it
     simple = ratio.limit_denominator(1000)
     return simple if abs(simple / ratio - 1) < Fraction(1, 10**14) else ratio
 

@@ -80,6 +80,7 @@ def _select(typing_context, condition, one, other):
         )
     if not isinstance(condition, MaskType):
         return None
+    # before the vectors: a plain vector beside a Dual is one with tangents of 0
     if (dual := dual_among((one, other))) is not None:
         return dual(condition, one, other), lambda context, builder, sig, args: _select_parts(
             context, builder, args[0], dual, sig.args[1:], args[1:]

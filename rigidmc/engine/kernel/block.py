@@ -153,6 +153,7 @@ def next_cut(frame, now):
 
 def step_of_cut(frame, cut):
     """Return the step before the part in a row; NO_STEP after the last row."""
+    # the row beyond all others has 1e300, which no integer holds: its conversion is undefined
     unit = memory(frame.cuts, frame.h)[CUT_ROWS * cut]
     return np.int64(unit) * frame.slots if unit < 1e18 else NO_STEP
 

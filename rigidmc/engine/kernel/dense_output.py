@@ -111,6 +111,7 @@ def interpolate(path, x):
     y = 1.0 - x
     xx, yy = x * x, y * y
     cube, rest = x * xx, y * yy
+    # Hermite's quintics, for the change q(1) - q(0): it is small, and rounds less than q itself
     change = cube * (10.0 + x * (6.0 * x - 15.0))
     first, last = x * rest * (1.0 + 3.0 * x), -cube * y * (1.0 + 3.0 * y)
     second, final = 0.5 * xx * rest, 0.5 * cube * yy

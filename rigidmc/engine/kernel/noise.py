@@ -57,6 +57,7 @@ def philox(key, counter):
 
 def uniform_number(word):
     """Return a number in (0, 1): the middle of one of 2^52 equal parts."""
+    # 2^-53 more than the lower end: 0 has no logarithm
     return (as_float((word >> _TWELVE) | _EXPONENT) - 1.0) + 1.1102230246251565e-16
 
 

@@ -179,6 +179,7 @@ def integrate_phase(m, panels, u, at, slopes=()):
     inverse = 1.0 / ((1.0 + c) * below)  # one division for two
     end = _fraction(m, u, c, below * inverse)
     others, last = integrate_phase(m, panels[1:], u, end, slopes)
+    # 19/70, 16/35, 19/70 of v, +-h/35 of v', h^2/840 of v'': an inner end counts for two panels
     inner = (19 / 35) * end.v + (16 / 35) * (middle * ((1.0 + c) * inverse))
     return h * (inner + h * h * ((1 / 420) * end.second)) + others, last
 

@@ -214,7 +214,7 @@ def apply_rotation(q, rotation):
         # rotation - 1 without cancellation; -rotation is the same turn, so the scalar can be >= 0
         sign = select(rotation[0] < 0.0, -1.0, 1.0)
         x, y, z = scale(sign, rotation[1:])
-        # 1 + cos of half an angle: a pure number
+        # cos - 1 as -sin^2/(1 + cos): the divisor is 1 or more, and nothing cancels
         change = -(x * x + y * y + z * z) / (1.0 + abs(rotation[0])), x, y, z
         return add_compensated4(q, add4(multiply(value, change), multiply(rest, change)))
     return touch_up(multiply(q, rotation))

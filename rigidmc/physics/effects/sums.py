@@ -135,6 +135,7 @@ def kick_by_torques(effects, body, t, h, q, l):
     if len(l) > 3:  # the works also by their exact flow, which is linear in L
         before = first_three(l)
         after = add_torques(effects, body, t, value_of(q), before, (h, h, h), before)
+        # midway: T is quadratic and L changes evenly, so the works add up to the change of T
         w = angular_velocity(body, scale(0.5, add(before, after)))
         return after + add_work(effects, body, t, h, q, before, w, l[3:])
     if len(l) == 2:
@@ -175,6 +176,7 @@ def shake_all(effects, body, h, l):
         before = first_three(l)
         after = add_noise(effects[0], body, h, before)
         middle = scale(0.5, add(before, after))
+        # exact for any L: T is quadratic
         done = dot(angular_velocity(body, middle), difference(after, before))
         rest = shake_all(effects[1:], body, h, concat(after, l[4:]))
         return first_three(rest) + (l[3] + done,) + rest[3:]
@@ -227,6 +229,7 @@ def corrected_by_work(start, untracked, works):
         return start
     return (
         start[0] + untracked_work(untracked, works),
+        # 1/(scale + |work|) from 1/scale, so that 0, no scale, stays 0
         start[1] / (1.0 + start[1] * total_abs_work(works)),
     ) + start[2:]
 

@@ -240,6 +240,7 @@ class _Check:
     def finer(self, way: Candidate, error: float) -> Candidate | None:
         """Return a candidate in more steps; error : that it has, 0 if only its excess is known."""
         pilot, excess = self.costs.pilot, error / (SAFETY * self.tolerance)
+        # `exact` has the order inf, with which no excess would ask for more steps
         order = min(8.0, pilot.scene.known_integrators()[way.integrator].order)
         factor = min(4.0, max(1.2, excess ** (1.0 / order)))
         steps = pilot.base * math.ceil(factor * way.steps / pilot.base)
@@ -291,6 +292,7 @@ def _refined(costs: Costs, ways: list[Candidate], limit: float) -> Candidate:
         slope = math.log(bad.upper / good.upper) / math.log(good.steps / bad.steps)
         if slope <= 0.5:
             break
+        # aims a tenth below the limit: the slope between two rungs is not the slope between these
         steps = base * math.ceil(good.steps / base * (good.upper / (0.9 * limit)) ** (1.0 / slope))
         steps = max(bad.steps + base, min(good.steps - base, steps))
         way = measure_candidate(costs, good.integrator, good.dtype, steps)

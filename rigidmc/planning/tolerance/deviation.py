@@ -162,6 +162,7 @@ def measure_growth(pilot: Pilot) -> tuple[Array, Array]:
         ratio = apart[2 * i - 1] / np.maximum(apart[i - 1], DISTURBANCE)
         exponential = np.log(np.maximum(ratio, 1.0)) / (0.5 * end * i)
         small = apart[2 * i - 1] < 0.1
+        # t^3, the fastest growth of regular motion, is a factor of 8 in twice the time
         rate = np.where(small, np.where(ratio > 32.0, exponential, 0.0), rate)
     # as large as the motion at the first save: no power of time amplifies a disturbance by 1e10
     early = np.log(np.maximum(apart[1] / DISTURBANCE, 1.0)) / end

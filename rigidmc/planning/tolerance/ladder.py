@@ -129,6 +129,7 @@ def ladder(
 
 def _first_multiple(pilot: Pilot, integrator: str) -> float:
     """Return the longest steps to try, as a multiple of the pilot's base."""
+    # 24 times the first steps of 0.25 rad: 6 rad, about a revolution, which no step resolves
     multiple = max(1.0, first_steps(pilot) / pilot.base / 24.0)
     if pilot.scene.known_integrators()[integrator].order == math.inf:
         # one step between checks, or rounds of each member's own steps

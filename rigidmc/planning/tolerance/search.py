@@ -72,6 +72,7 @@ def plan_search(pilot: Pilot, tolerance: float) -> Extent:
         count = min(most, int(members))
         return Extent(count, 1.0, count, 1.0)
     count = min(most, SOME)
+    # 100 steps of 0.25 rad are four revolutions: the first alone would not show how errors grow
     shortest = min(1.0, 100.0 / first_steps(pilot))
     share = 0.5 * members / count
     if share < shortest:

@@ -83,6 +83,7 @@ def integrate_reference(
         if (
             worst < agreed
             or is_stuck
+            # cf4 confirms in 16 times the steps, after another doubling
             or steps > MOST_STEPS / 32
             or not pilot.effort.allows(4.0 * pilot.work("rk8", steps))
         ):

@@ -161,7 +161,7 @@ def check_semidefinite(value: Any, at: str, sizes: Sequence[int]) -> tuple[Any, 
     scale = np.outer(scale, scale)
     if (np.abs(array - array.T) > 1e-9 * scale).any():
         raise SceneError(rule, at=at, value=array.tolist())
-    # the quotient by 1 is not selected
+    # where a variance is 0 the quotient is unused; the divisor 1 keeps it finite
     ones = np.where(scale > 0.0, array / np.where(scale > 0.0, scale, 1.0), 0.0)
     if np.linalg.eigvalsh(ones).min() < -1e-9 or (array[scale == 0.0] != 0.0).any():
         raise SceneError(rule, at=at, value=array.tolist())

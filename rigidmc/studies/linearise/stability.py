@@ -104,7 +104,7 @@ def _linearise(system: System, state: States, j: Array, blur: float) -> Linearis
         order = np.lexsort((-block_values.imag, -np.round(block_values.real, 9)))
         for i in order:
             cosine = abs(np.vdot(left[:, i], right[:, i]))
-            # a cosine is a pure number
+            # 1e-300 stands for a cosine of 0, of a double eigenvalue, whose error is DOUBLE
             rounding = min(DOUBLE, 1e3 * np.finfo(float).eps / max(cosine, 1e-300))
             errors.append(size * rounding + blur)
             values.append(complex(block_values[i]))

@@ -128,6 +128,8 @@ def solve(system: System, states: States, held: Array) -> tuple[States, Array]:
         next_value, next_slope = residual(system, tried, held)
         next_size = (next_value**2).sum(1)
         better = next_size < size[open_]
+        # The factors hardly matter: 256 starts of heavy_top take 12 to 13 steps each with 0.1 to
+        # 0.5 and 2 to 10.
         damping[open_] = np.clip(damping[open_] * np.where(better, 0.2, 8.0), 1e-12, 1e12)
         ahead = open_[better]
         states = states.with_at(ahead, tried.at(better))
@@ -152,7 +154,7 @@ def _step(value: Array, slope: Array, damping: Array) -> Array:
     along = (scales / over) * np.einsum("nri,nr->ni", left, value)
     step = -np.einsum("nij,ni->nj", right, along)
     angle = np.sqrt((step[:, :3] ** 2).sum(1))
-    # angles are pure numbers
+    # 1e-300 rad only avoids 0/0 for a step that does not turn
     return np.asarray(step * np.minimum(1.0, LONGEST / np.maximum(angle, 1e-300))[:, None])
 
 
