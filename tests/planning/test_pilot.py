@@ -1,5 +1,7 @@
 """Pilots: states at checks, truths, growth of disturbances, the quantile that 99 % stay below."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,11 +9,11 @@ import rigidmc as rm
 from rigidmc.engine.kernel import layout as K
 from rigidmc.planning.tolerance import deviation, pilot, truth
 from rigidmc.planning.tolerance import deviation as growth
-from tests.tools.scenes import LAGRANGE, TILTED
+from tests.tools import scenes
+from tests.tools.scenes import LAGRANGE, UNSYMMETRIC
 
-BODY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.05, 0.2))
-HEAVY = rm.Scene(BODY, (rm.Gravity(3.0),), TILTED).with_run(t_end=3.0, save=("omega", "attitude"))
-FREE = rm.Scene(BODY, (), TILTED).with_run(t_end=3.0, save=("omega", "attitude"))
+HEAVY = scenes.HEAVY.with_run(t_end=3.0)
+FREE = replace(HEAVY, effects=())
 SCENE = LAGRANGE.with_run(t_end=3.0)
 
 
@@ -31,10 +33,10 @@ def test_states_are_those_of_a_run():
 
 
 def test_a_pilot_of_members_that_are_all_alike_is_one():
-    scene = rm.Scene(BODY, (), rm.Start(omega=(0.1, 1.0, 0.2))).with_run(t_end=1.0)
+    scene = rm.Scene(UNSYMMETRIC, (), rm.Start(omega=(0.1, 1.0, 0.2))).with_run(t_end=1.0)
     assert pilot.pilot(scene, 256).members == 1
     rows = rm.Scene(
-        BODY, (), rm.Start(omega=np.random.default_rng(0).normal(size=(50, 3)))
+        UNSYMMETRIC, (), rm.Start(omega=np.random.default_rng(0).normal(size=(50, 3)))
     ).with_run(t_end=1.0, members=50)
     assert pilot.pilot(rows, 256).members == 50
     assert pilot.pilot(rows, 40, first=40).first == 10  # the last ones
@@ -64,7 +66,7 @@ def test_without_a_closed_form_two_methods_must_agree():
         found, pilot.integrate_pilot(found, "rkmk4", 6000, compensated=True), true.states
     )["state"]
     assert apart.max() < 1e-10  # a third method, of another family
-    damped = rm.Scene(BODY, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), TILTED).with_run(t_end=3.0)
+    damped = scenes.DAMPED.with_run(t_end=3.0)
     true = truth.make_reference(pilot.pilot(damped, 32))
     assert "cf4 confirms" in true.source  # no splitting of high order takes damping
     assert true.error.max() < 1e-11
@@ -99,7 +101,7 @@ def test_growth_tells_chaos_from_order():
     assert np.median(factor) < 1e4
     # along the middle axis a disturbance grows as exp(sigma t), sigma = omega sqrt((I2 - I1)(I3 -
     # I2)/(I1 I3))
-    spun = rm.Scene(BODY, (), rm.Start(omega=(1e-9, 3.0, 0.0))).with_run(t_end=2.0)
+    spun = rm.Scene(UNSYMMETRIC, (), rm.Start(omega=(1e-9, 3.0, 0.0))).with_run(t_end=2.0)
     _, rate = growth.measure_growth(pilot.pilot(spun, 1))
     assert rate[0] == pytest.approx(3.0 * np.sqrt(0.4 * 0.6 / 2.0), rel=0.2)
 

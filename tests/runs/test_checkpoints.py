@@ -16,7 +16,9 @@ from rigidmc.runs.directory.checkpoints import Checkpoints, read_checkpoint, wri
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.directory.shards import ShardSink
-from tests.runs.test_resume import HISTOGRAM, SCENE, SIZE, changed
+from tests.runs.test_resume import SIZE, changed
+from tests.tools.scenes import FREE as SCENE
+from tests.tools.scenes import WITH_HISTOGRAM
 from tests.tools.torture import sums
 
 STEPS = 8  # of a call, after each of which blocks are kept
@@ -79,12 +81,12 @@ class Made:
 KINDS = {
     "saves": {},
     "kept": {
-        "save": ("omega", "energy", "flips", HISTOGRAM),
+        "save": WITH_HISTOGRAM,
         "keep": {"omega": "thinned", "energy": "final"},
         "thin": 2,
         "turn_limit": 0.051,  # a third of the members is flagged
     },
-    "steps of their own": {"turn": 0.05, "dt": None, "save": ("omega", "flips")},
+    "steps of their own": {"turn": 0.05, "dt": None},
 }
 
 

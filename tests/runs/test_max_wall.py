@@ -9,8 +9,8 @@ from rigidmc.engine import program, threads
 from rigidmc.runs import price, segments
 from rigidmc.runs.directory import folder as run_directory
 from rigidmc.runs.directory import tasks
-from tests.runs.test_resume import SCENE
 from tests.tools.commands import invoke
+from tests.tools.scenes import FREE as SCENE
 from tests.tools.torture import sums
 
 

@@ -13,11 +13,11 @@ from rigidmc.runs.directory import gather, resume
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.folder import RunDirectory
 from rigidmc.runs.price import price
-from tests.runs.test_resume import SCENE
 from tests.tools.commands import invoke
+from tests.tools.scenes import FREE
 from tests.tools.torture import sums
 
-FEW = SCENE.with_run(members=40)
+FEW = FREE.with_run(members=40)
 
 
 @pytest.fixture(scope="module")

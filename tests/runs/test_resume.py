@@ -35,22 +35,11 @@ from tests.tools import torture
 from tests.tools.commands import ALONE_COMMAND, COMMAND, invoke, words_of
 from tests.tools.faulty import LINUX
 from tests.tools.same import assert_same
+from tests.tools.scenes import FREE as SCENE
+from tests.tools.scenes import WITH_HISTOGRAM
 from tests.tools.torture import sums
 
 MEMBERS, SIZE = 1000, 40_000  # five shards of 192 members, the last of them partial
-SCENE = rm.Scene(
-    rm.Body.from_moments((1.0, 2.0, 3.0)),
-    start=rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, rm.normal(0.0, 0.1))),
-).with_run(
-    integrator="rk4",
-    dt=0.05,
-    t_end=2.0,
-    every=1.0,
-    members=MEMBERS,
-    seed=4,
-    save=("omega", "flips", "omega_max"),
-)
-HISTOGRAM = rm.Histogram("energy", 0.0, 3.0, 12)
 
 
 def changed(path, **facts):
@@ -144,7 +133,7 @@ def test_a_run_is_opened_without_reading_it(whole, tmp_path):
 
 
 def test_histograms_are_summed(tmp_path):
-    scene = SCENE.with_run(save=("omega", HISTOGRAM))
+    scene = SCENE.with_run(save=WITH_HISTOGRAM)
     directory = create(scene, tmp_path / "run", SIZE)
     resume.resume(directory.path)
     assert np.array_equal(

@@ -6,6 +6,7 @@ The bits depend on scene, seed and member alone.
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,18 +16,13 @@ import xarray as xr
 import rigidmc as rm
 from rigidmc.physics.dynamics.so3 import vertical
 from rigidmc.runs.settled import mostly_flagged
+from tests.tools.scenes import DAMPED, STATE, UNSYMMETRIC
 
-BODY = rm.Body.from_moments((1.0, 2.0, 2.5), mass=1.0, centre=(0.02, 0.0, 0.1))
-START = rm.Start(omega=(rm.normal(0, 0.1), rm.normal(1, 0.1), 0.2), attitude="uniform")
-HEAVY = rm.Scene(BODY, (rm.Gravity(9.81), rm.ViscousDamping(0.01)), START)
-FREE = rm.Scene(BODY, (), START)
-SETTINGS = {
-    "dt": 0.02, "t_end": 2.0, "every": 0.5, "members": 300, "seed": 5,
-    "save": ("omega", "attitude", "energy"),
-}  # fmt: skip
+FREE = replace(DAMPED, effects=())
+SETTINGS = {"dt": 0.02, "t_end": 2.0, "every": 0.5, "members": 300, "seed": 5}
 SAVED = (
-    "omega", "attitude", "energy", "energy_drift_max", "l2_drift_max", "status", "start_omega",
-    "start_attitude", "moments",
+    *STATE, "energy_drift_max", "l2_drift_max", "status", "start_omega", "start_attitude",
+    "moments",
 )  # fmt: skip
 
 
@@ -34,7 +30,7 @@ def same(a, b, members=slice(None)):
     return all(np.array_equal(a[name].values[..., members], b[name].values) for name in SAVED)
 
 
-@pytest.mark.parametrize("scene", [HEAVY, FREE], ids=["heavy", "free"])
+@pytest.mark.parametrize("scene", [DAMPED, FREE], ids=["heavy", "free"])
 def test_bits_do_not_depend_on_how_it_is_run(scene, tmp_path):
     """tests/whole/test_same_result_everywhere.py has files, directories, threads and blocks."""
     whole = rm.simulate(scene, **SETTINGS)
@@ -66,18 +62,18 @@ def test_noise_goes_by_the_index_of_a_member(monkeypatch):
 def test_bits_in_another_process(tmp_path):
     """A fresh process, which loads the kernel from the disk cache, gets the same bits."""
     scene = tmp_path / "scene.toml"
-    scene.write_text(HEAVY.with_run(**SETTINGS).dumps())
+    scene.write_text(DAMPED.with_run(**SETTINGS).dumps())
     code = (
         f"import rigidmc as rm; rm.simulate(rm.Scene.load({str(scene)!r}), "
         f"output={str(tmp_path / 'other.nc')!r}, threads=1)"
     )
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
     with rm.open(tmp_path / "other.nc") as other:
-        assert same(rm.simulate(HEAVY, **SETTINGS), other)
+        assert same(rm.simulate(DAMPED, **SETTINGS), other)
 
 
 def test_layout_and_attributes():
-    ds = rm.simulate(HEAVY, **SETTINGS)
+    ds = rm.simulate(DAMPED, **SETTINGS)
     assert dict(ds.sizes) == {"member": 300, "time": 5, "axis": 3, "quat": 4}
     assert np.allclose(ds.time, [0, 0.5, 1.0, 1.5, 2.0], rtol=1e-15)
     assert ds.omega.dims == ("time", "axis", "member")
@@ -94,7 +90,7 @@ def test_layout_and_attributes():
 
 
 def test_stored_starts_are_what_the_kernel_used():
-    ds = rm.simulate(HEAVY, **SETTINGS)
+    ds = rm.simulate(DAMPED, **SETTINGS)
     assert np.array_equal(ds.attitude.values[0], ds.start_attitude.values)
     omega = ds.start_omega.values
     moments = ds.moments.values
@@ -102,7 +98,7 @@ def test_stored_starts_are_what_the_kernel_used():
     height = np.stack(vertical(tuple(ds.start_attitude.values)))
     energy = (
         0.5 * (moments * omega**2).sum(0)
-        + 9.81 * (ds.mass * (ds.centre.values * height).sum(0)).values
+        + DAMPED.effects[0].g * (ds.mass * (ds.centre.values * height).sum(0)).values
     )
     assert np.allclose(ds.energy.values[0], energy, rtol=1e-14)
 
@@ -133,13 +129,13 @@ def test_an_attitude_that_nothing_needs_is_not_stored():
     assert "attitude" not in ds
     assert "start_attitude" not in ds
     assert np.array_equal(ds.omega, rm.simulate(FREE, **SETTINGS).omega)
-    assert "start_attitude" in rm.simulate(HEAVY, **{**SETTINGS, "save": ()})
+    assert "start_attitude" in rm.simulate(DAMPED, **{**SETTINGS, "save": ()})
 
 
 def test_nothing_saved_but_the_summary():
-    ds = rm.simulate(HEAVY, **{**SETTINGS, "save": ()})
+    ds = rm.simulate(DAMPED, **{**SETTINGS, "save": ()})
     assert "omega" not in ds
-    assert np.array_equal(ds.energy_drift_max, rm.simulate(HEAVY, **SETTINGS).energy_drift_max)
+    assert np.array_equal(ds.energy_drift_max, rm.simulate(DAMPED, **SETTINGS).energy_drift_max)
 
 
 # impossible bodies, and quaternions of any length
@@ -221,13 +217,15 @@ def test_part_of_an_array_runs_again_as_it_ran(tmp_path):
     """
     omega = np.random.default_rng(4).normal(size=(64, 3))
     omega[0] *= 50.0
-    scene = rm.Scene(BODY, (), rm.Start(omega=omega))
+    scene = rm.Scene(UNSYMMETRIC, (), rm.Start(omega=omega))
     settings = {"integrator": "exact", "dt": 0.5, "t_end": 5.0, "save": ("omega", "attitude")}
     part = rm.simulate(scene, members=range(32, 64), **settings, output=tmp_path / "part.nc")
     again = rm.simulate(rm.Scene.load(tmp_path / "part.nc"))
     assert part.attrs["parts_per_step"] == again.attrs["parts_per_step"] > 4
     assert np.array_equal(part.attitude, again.attitude)
-    alone = rm.simulate(rm.Scene(BODY, (), rm.Start(omega=omega[32:])), members=32, **settings)
+    alone = rm.simulate(
+        rm.Scene(UNSYMMETRIC, (), rm.Start(omega=omega[32:])), members=32, **settings
+    )
     assert alone.attrs["parts_per_step"] < 4
     assert not np.array_equal(part.attitude, alone.attitude)
     assert np.abs(part.omega.values - alone.omega.values).max() < 1e-12  # measured 2.2e-14
@@ -300,7 +298,7 @@ def test_a_large_step_warns():
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # gravity that has no effect
 def test_long_drifts_are_cut_and_stay_exact():
     """A splitting of a free body is its exact motion, at any angle of a step, without a warning."""
-    scene = rm.Scene(BODY, (rm.Gravity(0.0),), rm.Start(omega=(100.0, 50.0, 20.0)))
+    scene = rm.Scene(UNSYMMETRIC, (rm.Gravity(0.0),), rm.Start(omega=(100.0, 50.0, 20.0)))
     with pytest.warns(rm.SceneWarning, match="more than 3"):
         cut = rm.simulate(
             scene, integrator="strang", dt=0.1, t_end=1.0, members=1, save=("omega", "attitude")

@@ -25,12 +25,12 @@ from rigidmc.runs.directory import folder as run_directory
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.facts import facts_text
 from rigidmc.runs.directory.folder import FILES, RunDirectory
-from tests.runs import test_resume
 from tests.tools.commands import invoke
+from tests.tools.scenes import FREE
 from tests.tools.torture import sums
 
 ROOT = Path(__file__).resolve().parents[2]
-SCENE = test_resume.SCENE.with_run(members=160)  # its kernels
+SCENE = FREE.with_run(members=160)
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,10 @@ from rigidmc.files.netcdf import read
 from rigidmc.runs import resources
 from rigidmc.runs.directory import gather, resume
 from rigidmc.runs.directory.create import create
-from tests.runs.test_resume import SCENE as OTHER
 from tests.tools.commands import invoke
+from tests.tools.scenes import FREE
 
-SCENE = OTHER.with_run(every=0.1, turn_limit=0.051, save=("omega", "flips", "omega_max"))
+SCENE = FREE.with_run(every=0.1, turn_limit=0.051)
 
 
 @pytest.fixture(scope="module")
