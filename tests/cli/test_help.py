@@ -69,8 +69,7 @@ print(*sys.modules)
 
 def test_lists_of_commands_and_scenes_import_no_heavy_library():
     """What is imported, not how long it takes: `rigidmc --help` once took 0.35 s, 0.2 s of it for
-    the options of commands that it lists.
-    """
+    the options of commands that it lists."""
     done = subprocess.run([sys.executable, "-c", LISTS], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     helped, listed, shown = (set(line.split()) for line in done.stdout.splitlines())

@@ -181,8 +181,7 @@ def test_a_failure_of_ffmpeg_is_reported(tmp_path, monkeypatch):
 
 def test_names_of_all_lengths(tmp_path):
     """A name may have 255 bytes. Before, 250 were too many for the part beside it, and 256 were
-    refused only after the work.
-    """
+    refused only after the work."""
     words = "run", "nasa_brick", "--t-end", 0.1
     assert invoke(*words, "-o", tmp_path / ("n" * 247 + ".nc")).exit_code == 0
     assert invoke(*words, "-o", f"{tmp_path / ('n' * 250)}/", "--shard-size", 1).exit_code == 0
@@ -232,8 +231,7 @@ def test_a_bad_folder_gets_the_right_message(tmp_path):
 
 def test_files_respect_the_umask_and_short_shards_are_deleted_durably(tmp_path):
     """Before: other threads' files were readable by all; after a power failure the new run.json
-    could stand beside the short shard.
-    """
+    could stand beside the short shard."""
     known = os.umask(0o027)
     try:
         with patch.object(os, "umask", side_effect=AssertionError):
@@ -265,8 +263,7 @@ def test_files_respect_the_umask_and_short_shards_are_deleted_durably(tmp_path):
 
 def test_a_run_without_disk_space_does_not_begin(tmp_path):
     """Before: the folder was made for as many threads as cores, and refused for the number given.
-    No worker starts here.
-    """
+    No worker starts here."""
     asked = list[int]()
 
     def hopeless(run, count, block, threads, *_):
@@ -419,8 +416,7 @@ def test_every_output_survives(tmp_path):
 
 def test_a_command_with_all_streams_closed(tmp_path):
     """Before: closed stderr ended every run with AttributeError, because the next file opened gets
-    the number of a stream.
-    """
+    the number of a stream."""
     run = shlex.join([*COMMAND, "run", "nasa_brick", "--t-end", "0.1", "-o", f"{tmp_path}/r.nc"])
     assert subprocess.run(["sh", "-c", f"{run} <&- >&- 2>&-"]).returncode == 0
     with rm.open(tmp_path / "r.nc") as ds:

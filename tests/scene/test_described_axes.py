@@ -26,6 +26,7 @@ from rigidmc.protocols import (
     vertical,
 )
 from tests.physics.effects.laws import Motion, Properties, anomaly
+from tests.tools.reference import moved
 
 END, DT = 3.0, 0.01
 START = {"omega": (0.9, -1.3, 0.7), "attitude": (0.7, -0.1, 0.5, 0.5)}
@@ -37,12 +38,6 @@ def turned(moments, rotation):
     a = rotation.as_matrix()
     tensor = a @ np.diag(moments) @ a.T
     return 0.5 * (tensor + tensor.T)
-
-
-def moved(tensor, mass, centre):
-    """A tensor about a point from which the centre of mass is at `centre`, by Steiner's theorem."""
-    c = np.array(centre)
-    return np.array(tensor) + mass * (c @ c * np.eye(3) - np.outer(c, c))
 
 
 LARGE = turned((1.0, 1.6, 2.1), Rotation.from_euler("ZYX", (0.9, -0.6, 1.7)))
@@ -237,8 +232,7 @@ def size_of(x):
 def compare(ds, body, effects, directions=EVERYWHERE, orbit=False, member=0, turn=None):
     """{variable: error} of a member of a result, relative to 1 or to the largest value.
 
-    turn : a rotation of the truth's axes, by which the comparison must fail
-    """
+    turn : a rotation of the truth's axes, by which the comparison must fail"""
     if turn is not None:
         body = Properties(turn.T @ body.tensor @ turn, body.mass, turn.T @ body.centre)
     motion = motion_of(body, effects)
@@ -367,48 +361,12 @@ def states_apart(one, motion):
     return errors
 
 
-FEW = effects_of("gravity", "uniform_field", "rotor")
-
-
-@pytest.mark.slow
-def test_monitored_steps():
-    """An event and extremes within steps, of axes half a turn away and of members whose axes
-    differ; the slow tests have the other observables."""
-    saved = ("omega", "attitude", "omega_max", rm.Passage(3, 1.8))
-    for make in (BODIES["half turn"], lambda: (UNCERTAIN,)):
-        body, *known = make()
-        scene = rm.Scene(body, FEW, rm.Start(**START))
-        settings = {"dt": 0.02, "t_end": END, "every": 1.5, "members": 1 if known else 3}
-        ds = rm.simulate(scene, integrator="rk4", save=saved, **settings)
-        truths = [Properties(*known)] if known else own_bodies(ds)
-        for member, truth in enumerate(truths):
-            errors = monitored_apart(ds.isel(member=member), truth)
-            assert len(errors) == 6 and max(errors.values()) < 5e-8, errors  # measured 9.1e-9
-
-
 def own_bodies(ds):
     """The truth's bodies of the members of a result."""
     centres = ds.centre.broadcast_like(ds.moments).transpose("member", "axis").values
     masses = ds.mass.broadcast_like(ds.status).values
     each = zip(tensors(ds), masses, centres, strict=True)
     return [Properties(tensor, mass, centre) for tensor, mass, centre in each]
-
-
-def monitored_apart(one, body):
-    """{name: error} of the events and extremes of a member."""
-    motion = motion_of(body, FEW, points=601)
-    passages = motion.passages(AXES[2], 1.8)
-    assert one.passages.item() == len(passages)
-    errors = {
-        "attitude": turned_apart(one, motion.attitude(motion.solution(one.time.values))),
-        "omega": np.abs(one.omega.values[-1] - motion.omega(motion.states[:, -1:])[:, 0]).max(),
-    }
-    for k in range(3):
-        largest = motion.extremes(lambda t, y, k=k: motion.omega(y)[k])[1]
-        errors[f"omega_max[{k + 1}]"] = abs(one.omega_max.values[k] - largest)
-    if passages:
-        errors["passage_first"] = abs(one.passage_first.item() - passages[0])
-    return errors
 
 
 def test_rates_along_principal_axes_are_refused():

@@ -406,40 +406,6 @@ def test_observables_and_run():
     assert (found.run.turn, found.run.turn_rate) == (5 * DEGREE, 2 * np.pi)
 
 
-REFUSED = [
-    ('start.omega = ["3 mm", 0, 0]', "omega = '3 mm': is in rad/s, or deg/s, rpm, rev/s; mm is"),
-    ('start.omega = { value = [1, 2, 3], unit = "kg" }', "kg is a mass"),
-    ('start.omega = { value = ["1 rpm", 2, 3], unit = "rpm" }', "one number has one unit"),
-    ('start.omega = { value = ["one", 2, 3], unit = "rpm" }', "expected numbers"),
-    ('start.omega = [{ value = true, unit = "rpm" }, 2, 3]', "expected numbers"),
-    ("start.omega = { value = [1, 2, 3] }", "expected a unit beside the value"),
-    ('start.omega = { unit = "rpm" }', "expected { value = 10.0"),
-    ('start.omega = { value = [1, 2, 3], unit = "rpm", x = 1 }', "no such key; known: value, unit"),
-    ('start.omega = "10 deg/s"', "expected 3 components"),
-    ('start.omega = ["10 Hz", 0, 0]', "rev/s"),
-    ('start.omega = ["10 1/s", 0, 0]', "1/s is a rate"),
-    ('start.omega = [{ vonmises = { kappa = 2 }, unit = "deg/s" }, 0, 0]', "period of 2 pi"),
-    ('start.omega = ["9.81", 0, 0]', "expected a finite number"),
-    ('start.omega = ["1e400 deg/s", 0, 0]', "finite"),
-    ('start.omega = [0, 0, 1]\nstart.attitude = { value = [1, 0, 0, 0], unit = "deg" }', "Euler"),
-    ('start.omega = [0, 0, 1]\neffects.gravity.g = "9.81"', 'or text such as "1.5 m/s2"'),
-    ('start.omega = [0, 0, 1]\neffects.gravity.g = "9.81 m/s"', "(did you mean 'm/s2'?)"),
-    ('start.omega = [0, 0, 1]\neffects.gravity.g = "9.81 furlong"', "'furlong' is not a unit"),
-    ('start.omega = [0, 0, 1]\nrun.t_end = { value = 3, unit = "m" }', "m is a length"),
-    ('start.omega = [0, 0, 1]\nrun.turn = "5 mm"', "mm is a length"),
-    ('start.omega = [0, 0, 1]\nobservables.passage = { axis = "3 mm", angle = 1 }', "1, 2 or 3"),
-    ('start.omega = [0, 0, 1]\nobservables.passage = { axis = 3, angle = 30 }', '"30 deg"'),
-    ('start.momentum = { gibbs = "300 K" }', "kT is an energy"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("text", "words"), REFUSED)
-def test_refused(text, words):
-    with pytest.raises(SceneError) as error:
-        rm.Scene.loads(BODY + text)
-    assert words in str(error.value) and "\n" not in str(error.value)
-
-
 def test_quantities_of_pint_and_astropy():
     """Their own factors, in places for numbers, arrays, distributions, times and functions."""
     pint, astropy = pytest.importorskip("pint"), pytest.importorskip("astropy.units")
@@ -564,24 +530,6 @@ def test_values_of_varied_parameters():
     cone = rm.Scene(whole.body, start=rm.Start(momentum=rm.Cone(3, 1.0, 0.1)))
     found = {name: unit_at(cone.model, name) for name in parameter_names(cone.model)}
     assert found["start.momentum.angle"] == "rad" and found["start.momentum.size"] == "kg m2 s-1"
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ('{ value = [1, 2, 3], units = "deg/s" }', "(did you mean 'unit'?)"),
-        ('[{ normal = [1, 2], units = "deg/s" }, 0, 0]', "(did you mean 'unit'?)"),
-        ("[{ degrees = 30 }, 0, 0]", 'unit = "deg" }'),
-        ('[{ normal = [1e308, 1], unit = "rev/s" }, 0, 0]', "too large or too small"),
-        ('[{ normal = [1, 1e-320], unit = "rev/h" }, 0, 0]', "too large or too small"),
-        ('[{ grid = [0, 1e308, 3], unit = "rev/s" }, 0, 0]', "too large or too small"),
-        ('{ value = [1e308, 0, 0], unit = "rev/s" }', "finite"),
-    ],
-)
-def test_likely_mistakes(text, words):
-    with pytest.raises(SceneError) as error:
-        spin(text)
-    assert words in str(error.value)
 
 
 def test_bounds_have_the_unit_of_their_distribution():

@@ -46,17 +46,10 @@ TWO_WAYS = "reads two ways"
 # {input: (door, object, numbers that it means, members first, or words of the refusal)}
 MATRIX = {
     # lists and arrays
-    "array (members, 3)": (omega, W, W),
-    "array (3, members)": (omega, W.T, "give its transpose"),
-    "array (3, 3)": (omega, SQUARE, TWO_WAYS),
-    "lists of rows": (omega, W.tolist(), W),
     "three lists of three": (omega, SQUARE.tolist(), TWO_WAYS),
-    "list of row arrays": (omega, list(W), W),
     "list of three arrays of three": (omega, list(SQUARE), TWO_WAYS),
     "tuple of components": (omega, tuple(SQUARE.T), SQUARE),
     "rows of different lengths": (omega, [[1, 2, 3], [4, 5], [6, 7, 8]], "expected"),
-    "masked rows": (omega, np.ma.masked_array(W, [[0, 0, 0], [0, 1, 0]]), "row 1 is masked"),
-    "masked array without masked rows": (omega, np.ma.masked_array(W, False), W),
     "-999 behind a mask": (omega, (np.ma.masked_equal([1.0, -999.0], -999.0), 0, 0), "row 1 is"),
     # pandas
     "frame with names": (omega, frame(W), W),
@@ -96,7 +89,6 @@ MATRIX = {
     "Rotation": (attitude, Rotation.from_quat(Q[0], scalar_first=True), Q[0]),
     "four Rotations": (attitude, Rotation.from_quat(Q, scalar_first=True), Q),
     "Rotation for a rate": (omega, Rotation.identity(), "is an attitude"),
-    "(quat, member) without names": (attitude, Q.T, "its columns are quaternions"),
     "a quaternion of zeros": (attitude, [*Q, np.zeros(4)], "row 4: a quaternion"),
 }  # fmt: skip
 

@@ -111,8 +111,7 @@ places = st.sampled_from(
 @given(places, values)
 def test_any_value_anywhere_is_good_or_gets_one_message(place, value):
     """Hypothesis puts anything anywhere: a scene loads or a SceneError says why; nothing else is
-    ever raised.
-    """
+    ever raised."""
     import tomllib
     import warnings
 
@@ -186,33 +185,6 @@ def test_effects_have_one_order():
     body = rm.Body.from_moments((1, 2, 2.5), centre=(0, 0, 1))
     one = rm.Scene(body, (rm.ViscousDamping(0.1), rm.Gravity(9.81)))
     assert [type(e) for e in one.effects] == [rm.Gravity, rm.ViscousDamping]
-
-
-@pytest.mark.parametrize(
-    ("make", "rule"),
-    [
-        (lambda b: rm.Scene(b, effects=("gravity",)), "expected an effect"),
-        (lambda b: rm.Scene(b, effects=(rm.Gravity,)), "give its parameters"),
-        (lambda b: rm.Scene(b, effects=(rm.ViscousDamping(-1.0),)), "between 0 and inf"),
-        (lambda b: rm.Scene(b, effects=(rm.Gravity(float("nan")),)), "finite"),
-        (lambda b: rm.Scene((1, 2, 3)), "expected a Body"),
-        (lambda b: rm.Scene(b, start=(0, 0, 1)), "expected a Start"),
-        (
-            lambda b: rm.Scene(b, (rm.Gravity(np.ones(3)),), rm.Start(omega=np.ones((4, 3)))),
-            "same number of rows",
-        ),
-        (
-            lambda b: rm.simulate(rm.Scene(b, start=rm.Start(omega=np.ones((4, 3)))), members=5),
-            "rows for only 4 members",
-        ),
-        (lambda b: rm.simulate(rm.Scene(b), threads=0), "at least 1"),
-        (lambda b: rm.simulate(rm.Scene(b), members=range(5, 5)), "range"),
-        (lambda b: rm.simulate(rm.Scene(b), dt="small"), "finite number"),
-    ],
-)
-def test_bad_scenes_in_python(make, rule):
-    with pytest.raises(rm.RigidmcError, match=rule):
-        make(rm.Body.from_moments((1, 2, 2.5)))
 
 
 @pytest.mark.parametrize(

@@ -73,30 +73,6 @@ def test_bodies_without_a_known_part_have_no_shape():
     assert rm.Body.from_particles(np.ones(3000), many).shape == ()
 
 
-@pytest.mark.parametrize(
-    ("table", "words"),
-    [
-        ('solid = "cylindre"\nradius = 1.0', "did you mean 'cylinder'"),
-        ('solid = "ball"', "radius"),
-        ('solid = "ball"\nradius = -1.0', "must be positive"),
-        ('solid = "ball"\nradius = nan', "finite"),
-        ('solid = "ball"\nradius = "big"', "finite"),
-        ('solid = "ball"\nradius = 1.0\nheight = 2.0', "height"),
-        ('solid = "ball"\nradius = 1.0\nat = [0.0, 1.0]', "at"),
-        ('solid = "ball"\nradius = 1.0\nturned = [0.0, 0.0, 0.0, 0.0]', "nonzero"),
-        ('solid = "ball"\nradius = 1.0\nhole = 1', "true or false"),
-        ('solid = "box"\nsize = [1.0, 2.0]', "3"),
-        ("radius = 1.0", "solid"),
-        ('solid = "mesh"\ncorners = [[0.0, 0.0, 0.0]]\nfaces = [[0, 1, 2]]', "corners"),
-        ('solid = "particles"\nmasses = [1.0]\npositions = [[0,0,0],[1,0,0]]', "each mass"),
-    ],
-)
-def test_a_mistake_in_a_shape_is_named(table, words):
-    with pytest.raises(SceneError) as caught:
-        load(f"[[body.shape]]\n{table}")
-    assert words in str(caught.value) and "top.toml" in str(caught.value)
-
-
 def test_another_body_loses_the_shape():
     scene = Scene.load("tennis_racket")
     assert scene.body.shape
@@ -128,13 +104,6 @@ def test_a_solid_drawn_for_other_moments_makes_no_solid_of_a_body():
     other = replace(scene, body=replace(scene.body, moments=(3e-4, 3e-4, 8e-5)))
     names = parameter_names(other.model)
     assert "body.mass" in names and "body.cylinder.mass" not in names
-
-
-def test_too_many_parts_are_refused():
-    with pytest.raises(SceneError, match="more than 200"):
-        load('[[body.shape]]\nsolid = "ball"\nradius = 1.0\n' * 201)
-    with pytest.raises(SceneError, match="expected tables"):
-        load('shape = "cube"')
 
 
 def test_a_body_of_many_corners_is_a_line():

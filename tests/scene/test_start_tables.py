@@ -168,49 +168,6 @@ def test_varied_angles_run_and_rerun():
     assert np.array_equal(again.attitude.isel(member=0), ds.attitude.isel(member=3))
 
 
-BAD = {  # {table: (place, word in the message)}
-    '{ euler = "331", angles = [1, 2, 3] }': ("start.attitude.euler", "neighbours different"),
-    '{ euler = "zyx", angles = [1, 2, 3] }': ("start.attitude.euler", "lower case"),
-    '{ euler = "321" }': ("start.attitude.angles", "missing"),
-    '{ euler = "321", angles = [1, 2] }': ("start.attitude.angles", "3 components"),
-    '{ euler = "321", angles = [1, 2, 3], unit = "degree" }': ("start.attitude.unit", "deg"),
-    '{ euler = "321", angles = [1, 2, 3], units = "deg" }': ("start.attitude.units", "'unit'"),
-    '{ euler = "321", angels = [1, 2, 3] }': ("start.attitude.angels", "'angles'"),
-    '{ eular = "321", angles = [1, 2, 3] }': ("start.attitude.eular", "'euler'"),
-    "{ angles = [1, 2, 3] }": ("start.attitude", "give one of these keys: euler"),
-    '{ euler = "321", angles = [1, 2, 3], order = "xyzw" }': (
-        "start.attitude.order",
-        "no such key",
-    ),
-    '{ quaternion = [0, 0, 0, 1], order = "wxzy" }': ("start.attitude.order", "xyzw"),
-    '{ quaternion = [0, 0, 0, 1], unit = "deg" }': ("start.attitude.unit", "no such key"),
-    "{ quaternion = [0, 0, 1] }": ("start.attitude.quaternion", "4 components"),
-    '{ quaternion = [0, 0, 0, 0], order = "xyzw" }': ("start.attitude", "nonzero"),
-    "{ matrix = [1, 2, 3] }": ("start.attitude.matrix", "3x3"),
-    "{ matrix = [[1, 0, 0], [0, 1, 0], [0, 0, -1]] }": ("start.attitude", "mirror"),
-    "{ matrix = [[1, 0], [0, 1, 0], [0, 0, 1]] }": ("start.attitude.matrix", "3x3"),
-    '{ euler = "321", quaternion = [0, 0, 0, 1], angles = [1, 2, 3] }': ("start.attitude", "one"),
-    '{ euler = "321", angles = ["a", 2, 3] }': ("start.attitude.angles", "finite number"),
-    '{ euler = "321", angles = [nan, 2, 3] }': ("start.attitude.angles", "finite number"),
-    '{ euler = ["3", "2", "1"], angles = [1, 2, 3] }': ("start.attitude.euler", "one of"),
-    '{ relative_to = "orbit" }': ("start.attitude", "give one of"),
-    '{ matrix = "a", relative_to = "orbit" }': ("start.attitude.matrix", "3x3"),
-    '{ euler = "321", angles = [1, 2, 3], relative_to = "orbt" }': (
-        "start.attitude.relative_to",
-        "'orbit'",
-    ),
-}
-
-
-@pytest.mark.parametrize("table", BAD)
-def test_what_a_table_refuses(table):
-    at, word = BAD[table]
-    with pytest.raises(rm.SceneError) as caught:
-        loaded(table)
-    assert caught.value.at == at
-    assert word in str(caught.value)
-
-
 def test_arrays_that_stand_on_their_side_are_refused():
     q = Rotation.random(5, rng=3).as_quat()
     for turned in (q.T, q[:4].T):

@@ -178,25 +178,6 @@ def test_members_depend_on_their_index_alone_and_files_keep_the_law():
     assert np.allclose(other["centre"], 2.0 * start["centre"], rtol=1e-12, atol=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("table", "words"),
-    [
-        ("mean = [[2, 0, 0], [0, 2, 0], [0, 0, 3]]", "covariance: is missing"),
-        ("mean = [2, 2, 3], covariance = [[1]]", "mean.*3x3"),
-        ("mean = [[2, 0, 0], [0, 2, 0], [0, 0, 3]], covariance = [[1]]", "6x6 or 9x9 or 10x10"),
-        (f"mean = [[2, 0, 0], [0, 2, 0], [0, 0, 9]], covariance = {np.eye(6).tolist()}", "no body"),
-        (
-            f"mean = [[2, 0, 0], [0, 2, 0], [0, 0, 3]], covariance = {(-np.eye(6)).tolist()}",
-            "negative eigenvalues",
-        ),
-    ],
-)
-def test_what_is_no_law_of_a_body_is_told(table, words):
-    text = f"[body]\ntensor = {{ uncertain_inertia = {{ {table} }} }}\n[start]\nomega = [0, 0, 1]\n"
-    with pytest.raises(SceneError, match=words):
-        rm.Scene.loads(text)
-
-
 def test_mass_and_centre_are_means_and_starts_in_principal_axes_are_no_tables():
     law = rm.UncertainInertia(TENSOR, covariance(0.05))
     with pytest.raises(SceneError, match="plain numbers, the mean"):

@@ -181,14 +181,6 @@ def test_what_an_adaptive_map_cannot_do_is_refused(tmp_path):
         resume.extend(tmp_path / "map", 10_000)
     told = invoke("resume", tmp_path / "map", "--shards", "0:1")
     assert told.exit_code == 3 and "the next shards of an adaptive map" in told.stderr
-    new = "map", "sleeping_top", "-o", f"{tmp_path}/new/"
-    for words, rule in (
-        (("--adaptive", "--shards", "0:1"), "each level needs all"),
-        (("--adaptive", "--shard-size", "1"), "each level needs all"),
-        (("--border", "0.5"), "requires --adaptive"),
-    ):
-        told = invoke(*new, *words)
-        assert told.exit_code == 3 and rule in told.stderr, told.stderr
     for bad, rule in ((3, "expected .measure, values"), ((("p(flips > 2)", (1,)),), "measure of")):
         with pytest.raises(OptionError, match=rule):
             rm.stability_map(SCENE, *SIDES, OF, 8, 1, adaptive=bad, **RUN)

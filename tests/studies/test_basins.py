@@ -114,8 +114,7 @@ def test_a_driven_pendulum():
 
     The two states at t = 2 pi n are also those of a Runge-Kutta step of the equation alone. A study
     with 65,536 families has shares whose slope is 0.29 between any two distances below 4e-3, and
-    alpha = 0.312 +- 0.007 over all.
-    """
+    alpha = 0.312 +- 0.007 over all."""
     scene = rm.Scene.load("driven_pendulum")
     ds = rm.simulate(scene)
     turn = 2.0 * np.arctan2(ds.attitude.values[-1, 1], ds.attitude.values[-1, 0])

@@ -94,5 +94,3 @@ def test_a_stack_has_a_panel_for_each_layer(stack):
 def test_stacks_that_are_none_are_refused(given, words):
     with pytest.raises(rm.RigidmcError, match=words):
         rm.stability_map(SCENE, *SIDES, OF, 4, 1, **given, **RUN)
-    words = ["map", "growth", "--z", "body.mass=1:2"]
-    assert "two axes" in invoke(*words).stderr

@@ -229,8 +229,6 @@ def test_a_goal_that_is_not_reached_is_reported():
     words = "run tennis_racket --save flips --most 5000 --until", "p(flips >= 3) +- 0.001"
     made = invoke(*words)
     assert made.exit_code == 5 and "not reached" in made.stderr
-    made = invoke(*words, "--members", "100")
-    assert made.exit_code == 3 and "--most" in made.stderr
     made = invoke("run tennis_racket --t-end 0.1 --until", "mean(flip_wait) +- 1 %")
     assert made.exit_code == 3 and "none of the first" in made.stderr
 
@@ -297,35 +295,6 @@ def test_measures(text):
 def test_what_is_no_measure_is_told(text):
     with pytest.raises(OptionError):
         measure(text, VARIABLES)
-
-
-SIDES = "--x body.moments.{} --y body.moments.{} --of flips"
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("nosuch", "no such map"),
-        ("tennis_racket", "--x, --y, --of: missing; the map of a scene needs"),
-        ("dzhanibekov --x body.moments.1=0:1", "--y"),
-        ("dzhanibekov " + SIDES.format("1=0", "3=1:2"), "KEY=LOW:HIGH"),
-        ("dzhanibekov " + SIDES.format("1=1:0", "3=1:2"), "low < high"),
-        ("dzhanibekov --x body.momnts.1=0:1 --y body.moments.3=1:2 --of flips", "body.moments.1"),
-        ("dzhanibekov " + SIDES.format("3=0:1", "3=1:2"), "already"),
-        ("growth --set body.mass=2", "a shipped map has its own"),
-        (
-            "dzhanibekov --resolution 2 " + SIDES.format("3=1:2", "1=0.001:0.01"),
-            "all pixels have an impossible body",
-        ),
-        ("dzhanibekov --set run.points=sobol " + SIDES.format("1=1:2", "3=1:2"), "independent"),
-        ("intermediate_axis --resolution 0", "at least 1"),
-        ("intermediate_axis --members 0", "at least 1"),
-        ("intermediate_axis --plot map.xyz", ".png"),
-    ],
-)
-def test_the_command_reports_mistakes(text, words):
-    result = invoke(f"map {text}")
-    assert result.exit_code == 3 and words in result.stderr
 
 
 def test_where_nothing_else_is_drawn_a_pixel_is_one_member():

@@ -165,7 +165,6 @@ def test_the_command_line_keeps_a_map_in_a_directory(tmp_path):
     for more in (("--resolution", 32), ("--x", "a=0:1"), ("--dt", 0.1), ("--shards", "0:1")):
         told = mapped(path, *more)
         assert told.exit_code == 3 and "is for a new map" in told.stderr
-    assert mapped(*words, "--shards", "0:1").exit_code == 3
     assert mapped(*words, "-o", f"{path}/").exit_code != 0  # it exists
     assert invoke("extend", path, "--members", "3").exit_code == 0
     assert int(rm.open(path).good.min()) == 3
@@ -209,7 +208,6 @@ def test_parts_that_are_none_are_refused(whole, tmp_path):
         ((tmp_path / "map.nc", "--zoom", "0.4:0.9,0.8:1.2", "--members", 8), "is for a new map"),
         ((tmp_path / "map.nc", "--zoom", "0.4:2.7,0.8:1.2"), "ranges from 0.2 to 2.6"),
         ((tmp_path / "map.nc", "--zoom", "0.4:0.9,0.4:1.2"), "ranges from 0.5 to 1.5"),
-        (("sleeping_top", "--zoom", "0.4:0.9,0.8:1.2"), "a part of an existing map"),
     ):
         told = mapped(*words)
         assert told.exit_code == 3 and rule in " ".join(told.stderr.split()), told.stderr

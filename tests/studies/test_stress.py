@@ -200,7 +200,6 @@ def test_rounding_walks_over_1e8_steps():
 
     The factor is below 3 on a Zen 4 and 4.5 on a Sapphire Rapids, which rounds differently: there
     two of the 32 drift evenly, by 1.6e-19 of their energy a step, while the others random-walk; the
-    rms of all at 1e8 is 4.1e-12. If all drifted evenly, the factor would be 8.
-    """
+    rms of all at 1e8 is 4.1e-12. If all drifted evenly, the factor would be 8."""
     moments, momentum = random_tops()
     assert walk(tops(moments, momentum), 0.1, 100_000_000).error("exact", 1.0) < 6.0

@@ -112,6 +112,12 @@ def unit(q):
     return tuple(float(x) for x in np.divide(q, np.linalg.norm(q)))
 
 
+def moved(tensor, mass, centre):
+    """A tensor about a point from which the centre of mass is at `centre`, by Steiner's theorem."""
+    c = np.array(centre)
+    return np.array(tensor) + mass * (c @ c * np.eye(3) - np.outer(c, c))
+
+
 def hat(v):
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 

@@ -69,8 +69,7 @@ def test_euler_angles_give_the_attitude_back(result):
 
 def test_the_phase_of_free_motion_runs_evenly():
     """It grows by t/period, to 2e-15 as measured, against saves of the exact flow of random bodies;
-    a permanent rotation has none.
-    """
+    a permanent rotation has none."""
     some = np.random.default_rng(4)
     second = some.uniform(0.2, 1.0, (500, 3))
     moments = second.sum(1)[:, None] - second

@@ -260,12 +260,6 @@ def test_the_command_writes_a_page(tmp_path):
         ("effects.gravity.g", 0, 20),
         ("start.attitude.theta", pytest.approx(math.pi / 180), pytest.approx(math.pi / 2)),
     ]
-    found = invoke("view heavy_top --slider body.mass")
-    assert found.exit_code == 3 and "is for --live" in found.output
-    found = invoke("view heavy_top --live --until 1s")
-    assert found.exit_code == 3 and "a live page has no end" in found.output
-    found = invoke("view heavy_top --with gyroscope")
-    assert found.exit_code == 3 and "is for --live" in found.output
 
 
 @pytest.mark.slow

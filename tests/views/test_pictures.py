@@ -91,8 +91,7 @@ def ends(free):
 @pytest.fixture
 def tops(free):
     """Bodies whose axis 3 leans 0 to 40 degrees from the vertical, by a rotation about x; |L|^2 is
-    not conserved.
-    """
+    not conserved."""
     half = np.radians(np.linspace(0.0, 40.0, free.sizes["member"])) / 2.0
     attitude = np.zeros((free.sizes["time"], 4, free.sizes["member"]))
     attitude[:, 0], attitude[:, 1] = np.cos(half), np.sin(half)

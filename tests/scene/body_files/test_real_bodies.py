@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
+from tests.tools.reference import moved
 
 UR5 = """<?xml version="1.0"?>
 <robot name="ur5">
@@ -119,19 +120,13 @@ Taken at the output coordinate system. (Using positive tensor notation.)
 HUBBLE = [[36046.0, -706.0, 1491.0], [-706.0, 86868.0, 449.0], [1491.0, 449.0, 93848.0]]
 
 
-def shifted(tensor, mass, c):
-    """I + m (c^2 1 - c c^T), written out."""
-    c = np.asarray(c)
-    return np.asarray(tensor) + mass * (np.dot(c, c) * np.eye(3) - np.outer(c, c))
-
-
 def panda_by_hand():
     """Mass, centre and tensor about the origin of link 7 with the hand, turned by -45 degrees."""
     turn = Rotation.from_euler("z", -45.0, degrees=True).as_matrix()
     hand = turn @ PANDA_HAND["centre"] + [0.0, 0.0, 0.107]
     mass = PANDA_7["mass"] + PANDA_HAND["mass"]
     centre = (PANDA_7["mass"] * np.array(PANDA_7["centre"]) + PANDA_HAND["mass"] * hand) / mass
-    tensor = shifted(PANDA_7["tensor"], PANDA_7["mass"], PANDA_7["centre"]) + shifted(
+    tensor = moved(PANDA_7["tensor"], PANDA_7["mass"], PANDA_7["centre"]) + moved(
         turn @ PANDA_HAND["tensor"] @ turn.T, PANDA_HAND["mass"], hand
     )
     return mass, centre, tensor
@@ -144,7 +139,7 @@ def read(tmp_path, name, text, **options):
 
 def test_ur5(tmp_path):
     forearm = read(tmp_path, "ur5.urdf", UR5, link="forearm_link")
-    expected = shifted(np.diag([0.0494433313556] * 2 + [0.004095]), 2.275, (0, 0, 0.25))
+    expected = moved(np.diag([0.0494433313556] * 2 + [0.004095]), 2.275, (0, 0, 0.25))
     assert np.abs(forearm.tensor - expected).max() < 1e-15  # measured 0
     assert (forearm.mass, forearm.centre) == (2.275, (0.0, 0.0, 0.25))
     upper = read(tmp_path, "ur5.urdf", UR5, link="upper_arm_link", pivot="centre")
@@ -165,7 +160,7 @@ def test_panda_with_its_hand(tmp_path, name, text, link, limit):
     assert body.mass == pytest.approx(mass, rel=1e-15)
     assert np.abs(np.array(body.centre) - centre).max() < 10 * limit
     assert np.abs(body.tensor - tensor).max() < limit
-    alone = shifted(PANDA_7["tensor"], PANDA_7["mass"], PANDA_7["centre"])
+    alone = moved(PANDA_7["tensor"], PANDA_7["mass"], PANDA_7["centre"])
     assert np.abs(body.tensor - alone).max() > 1e-3  # the hand counts
 
 
@@ -207,6 +202,6 @@ def test_a_wing_of_solidworks(tmp_path):
 def test_the_hubble_space_telescope_from_its_data_sheet():
     """The tensor about the centre of mass; the structural origin of this test is 4 m behind it."""
     body = rm.Body.from_tensor(HUBBLE, 11110.0, (4.0, 0.0, 0.0), about="centre")
-    assert np.abs(body.tensor - shifted(HUBBLE, 11110.0, (4.0, 0.0, 0.0))).max() < 1e-9  # 5.8e-11
+    assert np.abs(body.tensor - moved(HUBBLE, 11110.0, (4.0, 0.0, 0.0))).max() < 1e-9  # 5.8e-11
     back = body.with_pivot_at_centre().tensor
     assert np.abs(back - HUBBLE).max() < 1e-9  # of 93,848; measured 7.3e-11

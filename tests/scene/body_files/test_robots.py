@@ -11,6 +11,7 @@ import rigidmc as rm
 from rigidmc.scene.body_files.mjcf import _Angles, _turn
 from rigidmc.scene.body_files.urdf import rpy
 from rigidmc.scene.body_files.xml_tree import read_xml
+from tests.tools.reference import moved
 
 LINK = """<link name="{name}"> <inertial> <origin xyz="{xyz}" rpy="{rpy}"/> <mass value="{mass}"/>
  <inertia ixx="0.02" ixy="0.001" ixz="-0.002" iyy="0.03" iyz="0.003" izz="0.04"/>
@@ -54,10 +55,8 @@ def about_origin(poses_and_masses):
     mass = sum(m for _, m in poses_and_masses)
     places = [p[:3, 3] for p, _ in poses_and_masses]
     centre = sum(m * x for x, (_, m) in zip(places, poses_and_masses, strict=True)) / mass
-    tensor = np.zeros((3, 3))
-    for (p, m), x in zip(poses_and_masses, places, strict=True):
-        tensor += p[:3, :3] @ TENSOR @ p[:3, :3].T + m * (x @ x * np.eye(3) - np.outer(x, x))
-    return mass, centre, tensor
+    each = zip(poses_and_masses, places, strict=True)
+    return mass, centre, sum(moved(p[:3, :3] @ TENSOR @ p[:3, :3].T, m, x) for (p, m), x in each)
 
 
 def test_rpy_are_angles_about_fixed_axes():
