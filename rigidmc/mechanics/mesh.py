@@ -185,6 +185,8 @@ def six_volumes(triangles: Array) -> Array:
     triangles (n, 3, 3)."""
     volumes = np.empty(len(triangles))
     for part in _parts(len(triangles)):
+        # from a vertex, not the origin: of a cube of 1 cm at 1 km the volume is 3e-12 off, and not
+        # 0.9 %
         local = triangles[part] - triangles[0, 0]
         volumes[part] = np.einsum("ni,ni->n", local[:, 0], np.cross(local[:, 1], local[:, 2]))
     return volumes

@@ -192,6 +192,7 @@ def closed_values(
     """
     motion = case_of(effects, block, start).motion(times)
     q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
+    # closed forms return their start to rounding only, and drifts are relative to the first row
     q[0], l[0] = block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.EXTRA]  # the start itself
     body, arrays = physics(effects, block)
     with np.errstate(all="ignore"):

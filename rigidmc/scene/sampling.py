@@ -50,6 +50,7 @@ class DimensionProbe:
     def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
         drawn = [(name, draw, i) for i in used]
         self.dimensions += [dimension for dimension in drawn if dimension not in self.dimensions]
+        # 0.5: the median, a number of every distribution
         return np.full((4, count), 0.5)
 
 
@@ -131,6 +132,8 @@ class NeighbourFamilies:
         distance, words = np.array((0.0, *DISTANCES))[place], np.full((4, count), 0.5)
         for i in used:
             moved = self.group[name, draw, i] == family % self.groups
+            # downwards at the upper end: wrapped round, a neighbour would lie at the other end of
+            # the range
             near = np.where(u[i] + distance < 1.0, u[i] + distance, u[i] - distance)
             words[i] = np.where(moved, near, u[i])
         return words
@@ -178,6 +181,7 @@ class PointSequence:
     def _computed(self, first: int, count: int) -> Array:
         if self._all is not None:
             last = self._all.shape[1] - 1
+            # members that only pad a block to whole lanes repeat the last stratum
             return self._all[:, np.minimum(np.arange(first, first + count), last)]
         if first < self._at:  # sequences only run forward
             self._engine.reset()

@@ -295,7 +295,8 @@ def _spread(
     columns = zip(*cholesky_factor(distribution.covariance), strict=True)
     rest = [0.0] * (len(parameters) - len(distribution.covariance))
     ways = [rates_of(parameters, [*column, *rest]) for column in columns]
-    # half of this second difference, the curvature of the parameters, shifts their mean
+    # Half of this second difference shifts the means: of moments known to 10 % by 0.2 to 0.3
+    # standard deviations, of which the correction leaves 0.004.
     around = [
         [m + sign * w for m, w in zip(middle, way, strict=True)]
         for way in ways

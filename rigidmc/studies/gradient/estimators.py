@@ -47,6 +47,7 @@ def of_quantile(values: Array, rates: Array, level: float, confidence: float) ->
     slopes = weights * (s0 * x - s1) / size
     value, slope = float(lines @ y), float(slopes @ y)
     rest = y - value - slope * x
+    # a line takes two of them: at 2 the factor used/(used - 2) of the variance has no bound
     used = max(2.5, 1.0 / float((lines * lines).sum()))
     variance = float((lines * rest) @ (lines * rest)) * used / (used - 2.0)
     variance += slope * slope * level * (1.0 - level) / n

@@ -80,6 +80,7 @@ class Score(NamedTuple):
     def sized(self, off: Array) -> "Score":
         """Return the Score with a scale; if it has none yet, this is the largest finite level in
         `off`."""
+        # only the first population decides: levels of later ones must be comparable with its levels
         largest = float(off[np.isfinite(off)].max(initial=0.0))
         return self if self.event is None or self.scale else self._replace(scale=largest)
 
