@@ -351,11 +351,6 @@ def from_pydantic(
     return SceneError(rule, at=path_of(at, key), table=at, value=value)
 
 
-def rule_of(error: ValueError) -> str:
-    """Return the rule in an error's message, without place and value."""
-    return error.rule if isinstance(error, RigidmcError) else str(error)
-
-
 @contextmanager
 def in_file(file: str) -> Iterator[None]:
     """Add the file name to errors raised while its text is read or used, unless they have one."""
@@ -374,11 +369,9 @@ def path_of(at: str, key: str) -> str:
 def terminal_text(text: str) -> str:
     """Make a text safe to print: escape characters that control a terminal or change the writing
     direction. Titles and names may come from untrusted files."""
-    return text if text.isascii() and text.isprintable() else _CONTROLS.sub(_escaped, text)
-
-
-def _escaped(match: re.Match[str]) -> str:
-    return match[0].encode("unicode_escape").decode("ascii")
+    if text.isascii() and text.isprintable():
+        return text
+    return _CONTROLS.sub(lambda match: match[0].encode("unicode_escape").decode("ascii"), text)
 
 
 def _short(value: object) -> str:

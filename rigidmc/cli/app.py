@@ -56,11 +56,6 @@ CODES = {
 }
 
 
-def codes_in_short() -> str:
-    """Return the codes as one line for the help page."""
-    return f"Exit codes: {', '.join(f'{code} {words}' for code, (words, _) in CODES.items())}."
-
-
 def code_table() -> str:
     """Return the codes as a Markdown table."""
     rows = [f"| {code} | {words}: {when} |" for code, (words, when) in CODES.items()]
@@ -110,7 +105,7 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
-    epilog=codes_in_short(),
+    epilog=f"Exit codes: {', '.join(f'{code} {words}' for code, (words, _) in CODES.items())}.",
 )
 
 

@@ -121,12 +121,12 @@ def load_body(source: str, options: dict[str, Any] | None = None) -> "tuple[Body
     options : of `Body.read`. Without density and mass, a mesh has density 1, and a shell mass 1.
     """
     from rigidmc.scene.body import Body
-    from rigidmc.scene.body_files import is_body_file, is_mesh
+    from rigidmc.scene.body_files import SUFFIXES, is_mesh
     from rigidmc.scene.quantities import is_shared
     from rigidmc.scene.scene import Scene
 
     options = dict(options or {})
-    if is_body_file(source):
+    if source.lower().endswith(SUFFIXES):
         if is_mesh(source) and not {"density", "mass"} & options.keys():
             options["mass" if options.get("solid") == "shell" else "density"] = 1.0
         return Body.read(source, **options), source

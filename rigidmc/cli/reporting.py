@@ -66,7 +66,9 @@ def report_errors(file: str | None = None) -> Iterator[None]:
         except FileNotFoundError as error:
             fail(_in_words(error), IO)
         except (OSError, RuntimeError) as error:
-            if isinstance(error, RuntimeError) and not _of_files(error):
+            # the C library of netCDF and codecs of zarr raise RuntimeErrors
+            of_files = any(word in str(error) for word in ("HDF error", "NetCDF", "decompress"))
+            if isinstance(error, RuntimeError) and not of_files:
                 raise
             unharmed = "nothing was" in str(error)
             fail(error if unharmed else f"{_in_words(error)}; nothing that existed was changed", IO)
@@ -81,11 +83,6 @@ def report_errors(file: str | None = None) -> Iterator[None]:
             fail(f"terminated; {LEFT}", TERMINATED)
         except AskedToStop:
             fail(f"stopped by SIGUSR1; {LEFT}", INCOMPLETE)
-
-
-def _of_files(error: RuntimeError) -> bool:
-    """Whether an error comes from the C library of netCDF or a codec of zarr."""
-    return any(word in str(error) for word in ("HDF error", "NetCDF", "decompress"))
 
 
 @contextmanager

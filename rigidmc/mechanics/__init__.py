@@ -12,7 +12,7 @@ the torques of potentials); then the free top: `textbook` (omega as in textbooks
 functions), `jacobi` (elliptic functions as formulas), `free_orbit` (the motion as formulas),
 `free_top` (for arrays); then heavy tops: `lagrange_limits`, `lagrange_orbit`, `lagrange_top`,
 `lagrange_steady` (effective potential, steady motions, stability), and `integrable_tops`
-(Kovalevskaya, Goryachev-Chaplygin, Staude, Grioli).
+(Kovalevskaya, Goryachev-Chaplygin, Grioli).
 
 The formulas contain no cancelling subtraction and no branch on a rounded number; the tests compare
 them with mpmath. Their order of operations determines a member's bits in `closed` runs.

@@ -155,12 +155,3 @@ def euler_rates(angles: ArrayLike, omega: ArrayLike, sequence: str = TEXTBOOK) -
         middle = on[j] * c3 + sign * on[i] * s3
         last = on[n] - sign * first * rest(second)
     return np.stack([first, middle, last], -1).reshape(*shape, 3)
-
-
-def kinetic_energy_of_euler_rates(
-    moments: ArrayLike, angles: ArrayLike, rates: ArrayLike, sequence: str = TEXTBOOK
-) -> Array:
-    """Return T = 1/2 sum I_i omega_i^2 (...) [J] of Euler angles and rates, TdC (3.39)."""
-    omega = omega_from_euler_rates(angles, rates, sequence)
-    energy: Array = 0.5 * (floats(moments, "moments", 3) * omega**2).sum(-1)
-    return energy

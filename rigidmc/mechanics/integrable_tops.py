@@ -109,30 +109,6 @@ def grioli(moments: ArrayLike, weight: ArrayLike, t: ArrayLike) -> SteadyPrecess
     return SteadyPrecession(e, rate, omega, up)
 
 
-def staude(moments: ArrayLike, c: ArrayLike, up: ArrayLike) -> tuple[Array, Array]:
-    """Return (omega^2 [rad^2/s^2], defect) of the permanent rotation about a vertical body axis.
-
-    A top rotates steadily about its vertical u = `up` iff I u, c and u lie in a plane:
-
-        omega^2 (u x I u) = u x c                    (Staude, J. reine angew. Math. 113 (1894) 318)
-
-    The defect |u . (I u x c)|/(|I u| |c|) is 0 on Staude's cone. If omega^2 < 0, no such rotation
-    exists. omega^2 is nan if I u is parallel to u; if c is also parallel to u, any rate is
-    possible.
-
-    moments, c, up : (..., 3), up of length 1.
-    """
-    moments, c, up = np.broadcast_arrays(
-        floats(moments, "moments", 3), floats(c, "c", 3), floats(up, "up", 3)
-    )
-    inertia = moments * up
-    arm, pull = np.cross(up, inertia), np.cross(up, c)
-    with np.errstate(all="ignore"):
-        square = (arm * pull).sum(-1) / (arm * arm).sum(-1)
-        size = np.linalg.norm(inertia, axis=-1) * np.linalg.norm(c, axis=-1)
-        return square, np.abs((up * np.cross(inertia, c)).sum(-1)) / size
-
-
 def _check_ratio(moments: Array, ratio: tuple[float, float, float], rule: str) -> None:
     """Raise SceneError for moments not in the ratio (a, b, 1)."""
     wanted = moments[..., 2:] * np.array(ratio)

@@ -1,4 +1,4 @@
-"""Closed forms of omega as written in TdC, and elliptic functions and integrals of arrays.
+"""Closed forms of omega as written in TdC, and elliptic functions of arrays.
 
 `solve_free_top` covers every case; the two closed forms here cover the textbook's cases and test
 it.
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import elliprd, elliprf, elliprj
+from scipy.special import elliprf
 
 from rigidmc.engine.formulas import evaluate
 from rigidmc.errors import SceneError
@@ -112,48 +112,6 @@ def elliptic_k(m: ArrayLike | None = None, mc: ArrayLike | None = None) -> Array
     return value
 
 
-def elliptic_f(phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = None) -> Array:
-    """Return F(phi | m), DLMF 19.2.4, for any phi [rad]; broadcasts."""
-    n, s, cc, dd, m, mc = _reduced(phi, m, mc)
-    value: Array = s * elliprf(cc, dd, 1.0) + _multiple(n, elliprf(0.0, mc, 1.0))
-    return value
-
-
-def elliptic_e(phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = None) -> Array:
-    """Return E(phi | m) = integral sqrt(1 - m sin^2 phi), for any phi [rad]; broadcasts.
-
-    DLMF 19.2.5 and 19.25.10.
-    """
-    n, s, cc, dd, m, mc = _reduced(phi, m, mc)
-    with np.errstate(all="ignore"):  # E(1) = 1, where R_F and R_D are infinite
-        part = mc * (s * elliprf(cc, dd, 1.0) + m / 3.0 * s**3 * elliprd(cc, 1.0, dd))
-        part = part + m * s * np.sqrt(cc / dd)
-        quarter = mc * (elliprf(0.0, mc, 1.0) + m / 3.0 * elliprd(0.0, 1.0, mc))
-    # E(1) = 1: pure
-    return np.where(mc > 0.0, part, s) + _multiple(n, np.where(mc > 0.0, quarter, 1.0))
-
-
-def elliptic_pi(
-    n: ArrayLike, phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = None
-) -> Array:
-    """Return Pi(n; phi | m) = integral dphi / ((1 - n sin^2 phi) sqrt(1 - m sin^2 phi)).
-
-    n < 1, any phi [rad]; DLMF 19.2.7 and 19.25.14; broadcasts.
-    """
-    turns, s, cc, dd, m, mc = _reduced(phi, m, mc)
-    n = floats(n, "n")
-    weight = elliprj(cc, dd, 1.0, 1.0 - n * s * s)
-    value: Array = s * elliprf(cc, dd, 1.0) + n / 3.0 * s**3 * weight
-    quarter = elliprf(0.0, mc, 1.0) + n / 3.0 * elliprj(0.0, mc, 1.0, 1.0 - n)
-    return value + _multiple(turns, quarter)
-
-
-def _multiple(n: Array, value: Array) -> Array:
-    """Return 2 n value; 0 for n = 0 even if the value is infinite."""
-    with np.errstate(invalid="ignore"):
-        return np.where(n == 0.0, 0.0, 2.0 * n * value)
-
-
 def _complements(m: ArrayLike | None, mc: ArrayLike | None) -> tuple[Array, Array]:
     """Return (m, mc) from either one, as arrays; nan outside [0, 1]."""
     if (m is None) == (mc is None):
@@ -161,15 +119,3 @@ def _complements(m: ArrayLike | None, mc: ArrayLike | None) -> tuple[Array, Arra
     parameter: Any = floats(m if mc is None else mc, "m" if mc is None else "mc")
     parameter = np.where((parameter >= 0.0) & (parameter <= 1.0), parameter, np.nan)
     return (parameter, 1.0 - parameter) if mc is None else (1.0 - parameter, parameter)
-
-
-def _reduced(
-    phi: ArrayLike, m: ArrayLike | None, mc: ArrayLike | None
-) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Return (n, sin rest, cos^2 rest, 1 - m sin^2 rest, m, mc) of phi = n pi + rest."""
-    m, mc = _complements(m, mc)
-    phi = floats(phi, "phi")
-    n = np.round(phi / np.pi)
-    rest = phi - n * np.pi
-    s, cc = np.sin(rest), np.cos(rest) ** 2
-    return n, s, cc, cc + mc * s * s, m, mc

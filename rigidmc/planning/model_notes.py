@@ -22,7 +22,7 @@ from rigidmc.physics.effects.gravity import Gravity
 from rigidmc.physics.effects.pivot import MovingPivot
 from rigidmc.physics.effects.protocol import facts, from_numbers, numbers, torque
 from rigidmc.scene.body import IDENTITY, Body
-from rigidmc.scene.quantities import Grid, draw, is_shared, is_variable
+from rigidmc.scene.quantities import draw, is_shared, is_variable
 from rigidmc.scene.settings import Run
 from rigidmc.scene.start import Start
 from rigidmc.scene.validation import PILOT
@@ -55,11 +55,6 @@ def body_notes(body: Body) -> list[str]:
         *unlike_matter(body, moments, mass, centre),
         *far_centre(body, moments, mass, centre),
     ]
-
-
-def is_mapped(body: Body) -> bool:
-    """Return whether a quantity of a body is a grid."""
-    return any(isinstance(q, Grid) for q in body.quantities())
 
 
 def impossible_bodies(body: Body, run: Run, mapped: bool) -> Iterator[str]:

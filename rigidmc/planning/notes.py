@@ -28,7 +28,6 @@ from rigidmc.planning.model_notes import (
     far_centre,
     idle_effects,
     impossible_bodies,
-    is_mapped,
     is_shipped,
     kink_notes,
     motionless,
@@ -40,7 +39,7 @@ from rigidmc.planning.plan import Plan
 from rigidmc.planning.unit_scale import UnitScale
 from rigidmc.scene.body import Body
 from rigidmc.scene.model import Model
-from rigidmc.scene.quantities import draw
+from rigidmc.scene.quantities import Grid, draw
 from rigidmc.scene.settings import Run, idle
 from rigidmc.scene.vector_distributions import GibbsMomentum
 
@@ -93,7 +92,9 @@ def _notes(model: Model, run: Run, plan: Plan) -> Iterator[str]:
     body, start, effects = coarse.body, coarse.start, _filled(coarse.effects, run.seed)
     moments, mass, centre = body.sample(seed, 0, FEW)
     yield from idle_settings(run)
-    yield from idle_sums(run, plan)
+    if run.compensated and not plan.compensated:
+        why = f"the steps of {run.integrator} already compensate their rounding"
+        yield f"[run] compensated = True has no effect: {why}"
     yield from idle_limits(run, plan)
     yield from _anti_damping(run, model.effects)
     yield from idle_effects(effects, moments, centre)
@@ -107,7 +108,8 @@ def _notes(model: Model, run: Run, plan: Plan) -> Iterator[str]:
     if not run.varied and all(is_shipped(effect) for _, effect in effects):
         yield motionless(start, [effect for _, effect in effects], moments, centre)
     yield from undetermined_axes(body, run)
-    yield from impossible_bodies(body, run, is_mapped(model.body))
+    is_mapped = any(isinstance(q, Grid) for q in model.body.quantities())
+    yield from impossible_bodies(body, run, is_mapped)
     yield from unlike_matter(model.body, moments, mass, centre)
     yield from far_centre(model.body, moments, mass, centre)
     if not model.body.has_mass and centre.any():
@@ -285,13 +287,6 @@ def idle_settings(run: Run) -> Iterator[str]:
             f"[run] every = {run.every:g} s is longer than t_end = {run.t_end:g} s: only the "
             "first and the last state are saved"
         )
-
-
-def idle_sums(run: Run, plan: Plan) -> Iterator[str]:
-    """Find compensated sums requested for steps that already compensate their rounding."""
-    if run.compensated and not plan.compensated:
-        why = f"the steps of {run.integrator} already compensate their rounding"
-        yield f"[run] compensated = True has no effect: {why}"
 
 
 def idle_limits(run: Run, plan: Plan) -> Iterator[str]:

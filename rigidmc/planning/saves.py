@@ -27,7 +27,7 @@ from rigidmc.planning.plan import MOST_SAVES
 from rigidmc.planning.steps import make_time_grid, physics
 from rigidmc.scene.model import Model
 from rigidmc.scene.recording import Recording
-from rigidmc.scene.save_times import saves_per_turn, settled
+from rigidmc.scene.save_times import settled
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import Run
 
@@ -263,9 +263,10 @@ def settle_saves(scene: Scene) -> Scene:
     A turn is one of the saved quantity that turns fastest at the start, see
     `rigidmc.planning.saves.shown_rate`. Raises SceneError if nothing turns.
     """
-    run, number = scene.run, saves_per_turn(scene.run.every)
-    if number is None:
+    run = scene.run
+    if not isinstance(run.every, str):
         return scene
+    number = float(run.every.partition("/")[0])  # of a checked N/turn
     count = number * run.t_end * shown_rate(scene.model, run) / (2.0 * math.pi)
     if not count > 0.0:
         rule = "nothing turns at the start: give a time between saves"

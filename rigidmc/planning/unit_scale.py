@@ -157,10 +157,6 @@ class UnitScale(NamedTuple):
         """Convert a scene to the units of integration."""
         return scale_scene(scene, self.mass, 1.0, self.time)
 
-    def settings_back(self, run: Run) -> Run:
-        """Convert the settings of a run to the units of the user."""
-        return scale_run(run, 1.0 / self.time)
-
 
 def choose_units(scene: Scene) -> UnitScale | None:
     """Return units that bring the moments and rates of a scene's first member near 1, or None if

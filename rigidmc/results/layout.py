@@ -119,10 +119,6 @@ class Selection(NamedTuple):
             return np.arange(first, first + count)
         return self.which[np.minimum(np.arange(first, first + count), self.which.size - 1)]
 
-    def all_indices(self) -> NDArray[np.int64]:
-        """Return the indices of all members."""
-        return self.indices(self.first, self.size)
-
 
 class ResultLayout(NamedTuple):
     """The layout of the result of a run, in the units of its scene.

@@ -296,7 +296,8 @@ def _make_dataset(
     import xarray as xr  # 0.3 s of a process, in which only results need it
 
     variables, indexes = dict[str, xr.Variable](), dict[str, xr.indexes.PandasIndex]()
-    for name, (dims, values, attrs) in layout.axes.coordinates(members.all_indices()).items():
+    coordinates = layout.axes.coordinates(members.indices(members.first, members.size))
+    for name, (dims, values, attrs) in coordinates.items():
         if dims != (name,):
             variables[name] = xr.Variable(dims, values, attrs, fastpath=True)
             continue

@@ -160,7 +160,8 @@ def member_variables(
     for label, kind in recording.monitored:
         lags |= (times := event_times(label, kind))
         for name, (units, text, dims) in outputs(label, kind).items():
-            more = _censored(name, times) | _method_of(kind)
+            method = {METHOD: kind.growth_method} if isinstance(kind, Growth) else {}
+            more = _censored(name, times) | method
             variables[name] = _by_member(text, units, dims, **more)
     if lags:
         variables[FOLLOWED] = _by_member(_FOLLOWED, "s")
@@ -208,11 +209,6 @@ def _censored(name: str, lags: Mapping[str, float]) -> dict[str, Any]:
 
 # attribute of variables whose method has changed: results of another method are not alike
 METHOD = "method"
-
-
-def _method_of(kind: Any) -> dict[str, Any]:
-    """Return the attribute METHOD of the results of an observable over all steps, if it has one."""
-    return {METHOD: kind.growth_method} if isinstance(kind, Growth) else {}
 
 
 def is_turned(body: Body, effect: Effect, name: str) -> bool:

@@ -27,7 +27,7 @@ from rigidmc.planning.notes import scene_notes, step_notes
 from rigidmc.planning.plan import make_plan
 from rigidmc.planning.saves import save_to_plot, settle_saves
 from rigidmc.planning.tolerance.choose import choose_integrator
-from rigidmc.planning.unit_scale import choose_units
+from rigidmc.planning.unit_scale import choose_units, scale_run
 from rigidmc.processes.progress import Progress
 from rigidmc.results.layout import Selection
 from rigidmc.results.sinks import Blanks, MemorySink, Sink
@@ -40,7 +40,7 @@ from rigidmc.scene.quantities import Varied
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.user_parts.registry import CLASSES, contents_of_parts, remember_classes
 from rigidmc.scene.validation import PILOT
-from rigidmc.scene.varied import close_varied, open_varied, stored_values, with_values
+from rigidmc.scene.varied import open_varied, stored_values, with_values, without_mark
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -312,10 +312,10 @@ def _prepare_scene(scene: Scene, plotted: int) -> PreparedRun:
     if run.integrator == "closed":  # raises if no closed form exists
         closed_form(model, sampler, run.first, whole_lanes(min(PILOT, run.members)))
     plan = make_plan(model, run, moving.integrator, recording, monitors, pilot, wrt)
-    settled = moving if units is None else replace(scene, run=units.settings_back(run))
+    settled = moving if units is None else replace(scene, run=scale_run(run, 1.0 / units.time))
     layout = make_layout(settled, recorded, plan if units is None else units.back(plan))
     if run.varied:
-        layout = layout._replace(scene=settled.with_model(close_varied(settled.model)))
+        layout = layout._replace(scene=settled.with_model(settled.model.mapped(without_mark)))
     return PreparedRun(
         plan=plan,
         layout=layout,

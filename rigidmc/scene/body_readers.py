@@ -103,7 +103,8 @@ class BodyReaders(BodyChanges):
                 body = cls._of_tensor(part.about_origin(), part.mass, tuple(part.centre.tolist()))
         if pivot is None:
             return body
-        return body.with_pivot_at_centre() if _is_centre(pivot) else body.with_pivot(pivot)
+        is_centre = isinstance(pivot, str) and pivot == "centre"
+        return body.with_pivot_at_centre() if is_centre else body.with_pivot(pivot)
 
     @classmethod
     def _of_mesh_file(
@@ -221,7 +222,3 @@ def _is_solid(solid: Any) -> bool:
     if solid not in SOLIDS_OF_MESH:
         raise unknown("solid of a mesh", SOLIDS_OF_MESH, at="body.mesh.solid", value=solid)
     return bool(solid == "solid")
-
-
-def _is_centre(pivot: Any) -> bool:
-    return isinstance(pivot, str) and pivot == "centre"

@@ -53,11 +53,6 @@ def settled(every: SaveTimes | None) -> float | tuple[float, ...] | None:
     return every
 
 
-def saves_per_turn(every: Any) -> float | None:
-    """Return N of a checked "N/turn"; None for times."""
-    return float(every.partition("/")[0]) if isinstance(every, str) else None
-
-
 def _per_turn(text: str) -> str:
     match = _PER_TURN.fullmatch(text.strip())
     try:

@@ -216,7 +216,9 @@ class Run(Table):
 def types() -> dict[str, Any]:
     """Return {setting: type}, such as Time, Count, bool; without the None of optional settings."""
     hints = get_type_hints(Run, include_extras=True)
-    return {name: _without_none(hints[name]) for name in Run.model_fields}
+    optional = {name for name, hint in hints.items() if NoneType in get_args(hint)}
+    plain = {name: get_args(hints[name])[0] for name in optional}
+    return {name: plain.get(name, hints[name]) for name in Run.model_fields}
 
 
 def document_settings(names: Iterable[str]) -> str:
@@ -244,11 +246,6 @@ def _in_words(kind: Any) -> str:
     if get_origin(kind) in (Union, UnionType):
         return " or ".join(map(_in_words, get_args(kind)))
     return str((get_origin(kind) or kind).__name__)
-
-
-def _without_none(hint: Any) -> Any:
-    """Return the first alternative of an optional type; any other type unchanged."""
-    return get_args(hint)[0] if NoneType in get_args(hint) else hint
 
 
 Run.__doc__ = inspect.cleandoc(Run.__doc__ or "").replace(

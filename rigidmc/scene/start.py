@@ -315,7 +315,8 @@ def _members_first(value: Any) -> Any:
         return _components_of(q)
     if len(shape) != 2:
         return tuple(value) if settled else value
-    columns = not isinstance(value, np.ndarray) and not _is_nested(value)
+    is_nested = len(value) > 0 and all(isinstance(part, (list, tuple)) for part in value)
+    columns = not isinstance(value, np.ndarray) and not is_nested
     if columns and shape[0] in (3, 4):
         if not settled and shape[1] in (3, 4):
             raise two_ways(shape, "start.attitude", "quat")
@@ -327,11 +328,6 @@ def _members_first(value: Any) -> Any:
         rule = f"has the shape {shape}: expected (members, 4) or, for Euler angles, (members, 3)"
         raise SceneError(f"{rule}{turned}", at="start.attitude")
     return _components_of(array)
-
-
-def _is_nested(value: Any) -> bool:
-    """Return whether a value is a list of lists."""
-    return len(value) > 0 and all(isinstance(part, (list, tuple)) for part in value)
 
 
 def _is_columns(value: Any) -> bool:

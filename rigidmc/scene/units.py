@@ -13,7 +13,7 @@ import numpy as np
 from rigidmc.errors import SceneError
 from rigidmc.inputs.amounts import parse_seconds
 from rigidmc.inputs.measured import Measured, from_foreign, is_foreign, quantity_text
-from rigidmc.inputs.units import Unit, converter, powers_of, units_of_powers, units_text
+from rigidmc.inputs.units import Unit, converter, powers_of, units_of_powers
 from rigidmc.physics.effects.protocol import Effect, facts, shape
 from rigidmc.physics.observables import bare_observables
 from rigidmc.scene.distributions import Distribution
@@ -266,11 +266,6 @@ def angles_in_si(value: Any, at: str) -> Any:
         rule = "only Euler angles [phi, theta, psi] have a unit; a quaternion has none"
         raise SceneError(rule, at=at)
     return angles
-
-
-def hint_of_units(units: str) -> str:
-    """Return the hint how to write a number with its unit: `, or text such as "9.81 m/s2"`."""
-    return f', or text with its unit, such as "1.5 {units_text(units)}"' if units != "1" else ""
 
 
 def _plain(value: Any) -> Any:

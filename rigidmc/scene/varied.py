@@ -104,9 +104,9 @@ def open_varied(model: Model, nominal: Nominal) -> Model:
     return with_parameters(model, marked, "varied", variable_names(model))
 
 
-def close_varied(model: Model) -> Model:
-    """Return a planned model with plain numbers in place of the marked ones."""
-    return model.mapped(lambda q: q.value if isinstance(q, Varied) else q)
+def without_mark(q: Any) -> Any:
+    """Return a quantity of a planned model, a plain number in place of a marked one."""
+    return q.value if isinstance(q, Varied) else q
 
 
 def stored_values(model: Model, names: Iterable[str]) -> dict[str, Any] | None:

@@ -184,43 +184,6 @@ def correlation(first: Array, other: Array, confidence: float = 0.95) -> Interva
         return Interval(r, *np.tanh(np.arctanh(r) + np.multiply.outer((-1.0, 1.0), width)))
 
 
-def control_variate_mean(
-    values: ArrayLike, control: ArrayLike, expected: float, confidence: float = 0.95
-) -> tuple[Interval, float]:
-    """Estimate the mean of independent values with a control variate; return (Interval, factor).
-
-    The estimate is the mean of x - b (c - E[c]), with the b of least variance. b comes from the
-    values themselves, which shifts the mean by at most 1/n of its error.
-
-    control : a number c for each value, such as the value in the closest closed form
-    expected : its known mean E[c]
-    factor : ratio of the variances without and with control, 1/(1 - correlation^2): without
-        control, the same interval needs `factor` times the members
-    """
-    x, c = np.asarray(values, float), np.asarray(control, float)
-    finite = np.isfinite(x) & np.isfinite(c)
-    x, c = x[finite], c[finite]
-    b = 0.0 if is_constant(c) else ((x - x.mean()) * (c - c.mean())).mean() / c.var()
-    rest = x - b * (c - expected)
-    factor = np.inf if is_constant(rest) else float(x.var() / rest.var())
-    return mean(rest, confidence=confidence), factor
-
-
-def antithetic_mean(values: ArrayLike, confidence: float = 0.95) -> tuple[Interval, float]:
-    """Estimate the mean of antithetic pairs, members 2k and 2k + 1, from their averages; return
-    (Interval, factor).
-
-    factor as in `control_variate_mean`: 1/(1 + correlation within pairs). Pairs with a non-finite
-    value are ignored.
-    """
-    x = np.asarray(values, float)
-    pairs = x[: len(x) // 2 * 2].reshape(-1, 2)
-    pairs = pairs[np.isfinite(pairs).all(1)]
-    average = pairs.mean(1)
-    factor = np.inf if is_constant(average) else float(0.5 * pairs.var() / average.var())
-    return mean(average, confidence=confidence), factor
-
-
 def quantile(
     values: ArrayLike, q: float, confidence: float = 0.95, infinite: bool = False
 ) -> Interval:

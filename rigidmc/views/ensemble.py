@@ -6,6 +6,7 @@ Pictures exclude flagged members (status not 0); the heading of a new figure cou
 is nothing to draw, ValueError names the variables to save.
 """
 
+from contextlib import suppress
 from textwrap import fill
 from typing import Any
 
@@ -73,7 +74,9 @@ def summary(ds: xr.Dataset, figure: Figure | None = None) -> Figure:
         return figure
     part = thin_result(ds)
     has_series = ("omega" in ds or "momentum" in ds) and ds.sizes["time"] > 2
-    typical = _flight(ds, part) if has_series else None
+    typical: Flight | None = None
+    with suppress(ValueError):  # the result cannot tell the motion of a member
+        typical = flight(ds, part) if has_series else None
     heights = [*([0.75] if typical else []), 1.0, 1.55]
     rows = figure.add_gridspec(len(heights), 1, height_ratios=heights)
     axes = figure.add_subplot(rows[-2])
@@ -119,14 +122,6 @@ def _shorten(axes: Axes) -> None:
         fontsize=8,
         frameon=False,
     )
-
-
-def _flight(ds: xr.Dataset, part: xr.Dataset) -> Flight | None:
-    """Return the motion of a typical member; None if the result cannot tell it."""
-    try:
-        return flight(ds, part)
-    except ValueError:
-        return None
 
 
 def _join(figure: Figure, bodies: Axes, axes: Axes, flown: Flight) -> None:

@@ -76,8 +76,6 @@ def estimates(seeds):
         for noise in (0.0, 1e-16, 1e-8, 1.0):
             found = intervals.correlation(x, x * (1.0 + noise * y), confidence)
             yield f"{case}, correlation {noise}", found
-        yield f"{case}, control", intervals.control_variate_mean(x, y, 0.0, confidence)[0]
-        yield f"{case}, antithetic", intervals.antithetic_mean(x, confidence)[0]
         p = np.where(some.random(n) < 0.3, 0.0, 10.0 ** -some.integers(0, 12, n))
         request = {"target": 1e-9, "members": 100}
         deep = (p == 0.0) & (some.random(n) < 0.5)

@@ -6,7 +6,6 @@ from scipy import stats
 
 import rigidmc as rm
 from bench.coverage import INTERVALS, shares
-from rigidmc.statistics import intervals as statistics
 from rigidmc.statistics.intervals import (
     correlation,
     is_constant,
@@ -112,22 +111,6 @@ def test_few_values_have_open_ends():
     assert np.isnan(mean([1.0]).low)
 
 
-def test_a_control_variate_and_antithetic_pairs_tell_what_they_gain():
-    """Linear in one normal number and a little of another: both remove all of the first."""
-    some = np.random.default_rng(4)
-    covered = np.zeros(3)
-    for _ in range(400):
-        z, rest = some.normal(size=(2, 200))
-        plain = statistics.mean(z + 0.1 * rest)
-        by, factor = statistics.control_variate_mean(z + 0.1 * rest, z, 0.0)
-        both = np.stack([z, -z], axis=1).ravel() + 0.1 * some.normal(size=400)
-        pairs, gain = statistics.antithetic_mean(both)
-        covered += [i.low <= 0.0 <= i.high for i in (plain, by, pairs)]
-        assert 60.0 < factor < 180.0 and 60.0 < gain < 180.0  # 101 in theory
-        assert plain.half / by.half == pytest.approx(np.sqrt(factor), rel=0.02)
-    assert (covered > 0.92 * 400).all() and (covered < 0.98 * 400).all()
-
-
 def test_constants_have_no_correlation():
     """Rounding gave them 1 (1 to 1), or 0 with the interval of independent numbers."""
     rng = np.random.default_rng(7)
@@ -144,13 +127,6 @@ def test_constants_have_no_correlation():
     assert np.isnan(correlation(with_gaps, np.arange(1000.0))).all()
     rows = correlation(np.stack([np.full(50, 0.1), np.arange(50.0)]), np.arange(50.0))
     assert np.isnan(rows.value[0]) and rows.value[1] == pytest.approx(1.0)
-
-
-def test_a_constant_control_changes_nothing():
-    x, c = np.random.default_rng(8).normal(size=200), np.full(200, 0.1)
-    by, factor = statistics.control_variate_mean(x, c, 0.1)
-    assert by == statistics.mean(x) and factor == 1.0
-    assert statistics.antithetic_mean(np.full(60, 0.1))[1] == np.inf
 
 
 def test_constant_to_rounding():

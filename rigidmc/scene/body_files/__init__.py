@@ -21,11 +21,6 @@ from rigidmc.scene.body_files.rigid_parts import FoundBody
 SUFFIXES = (*XML, *TEXT, *MESHES)
 
 
-def is_body_file(path: str) -> bool:
-    """Return whether the suffix of a path is that of a file with a body."""
-    return path.lower().endswith(SUFFIXES)
-
-
 def is_mesh(path: str) -> bool:
     """Return whether the suffix of a path is that of a mesh."""
     return path.lower().endswith(MESHES)

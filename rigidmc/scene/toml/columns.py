@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.errors import RigidmcError, SceneError, SceneWarning, rule_of, unknown
+from rigidmc.errors import RigidmcError, SceneError, SceneWarning, unknown
 from rigidmc.files.tables import TextColumn, read_number_table
 from rigidmc.files.trial import refuse_unreadable
 from rigidmc.inputs.arrays import Array
@@ -39,7 +39,7 @@ def read_columns(folder: str, file: str, names: list[str], at: str) -> tuple[Arr
     try:
         columns = _csv(path, file) if is_text else _netcdf(path)
     except ValueError as error:
-        raise SceneError(rule_of(error), at=at, value=file) from None
+        raise SceneError(getattr(error, "rule", str(error)), at=at, value=file) from None
     for name in names:
         if name not in columns:
             wrong = unknown(f"column of {file}", columns, at=at, value=name)

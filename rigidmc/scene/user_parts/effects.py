@@ -149,8 +149,9 @@ def _values(state: State) -> dict[str, Any]:
     return {"body": BODY, "t": state.t, "h": 0.1, "q": state.q, "l": state.l, "w": state.l}
 
 
-def _check_gradient(trial: Trial, state: State, step: float = 1e-5) -> None:
+def _check_gradient(trial: Trial, state: State) -> None:
     """Check that the torque is minus the change of the energy as the body turns."""
+    step = 1e-5  # rad
     torques, slopes = np.array(trial.called(torque, _values(state))), []
     for axis in np.eye(3):
         turned = (

@@ -53,7 +53,10 @@ def check_user_observable(user: Any, effects: tuple[Any, ...]) -> None:
         _check_recorded(trial._replace(part=as_floats(trial, user)), effects)
         return
     _check_outputs(trial, user.outputs)
-    _check_event_times(trial, user.event_times, user.outputs)
+    times, outputs = user.event_times, user.outputs
+    if times is not None and not (isinstance(times, tuple) and {*times} <= {*outputs}):
+        rule = f"is {times!r}, expected a tuple of names of outputs: {', '.join(outputs)}"
+        raise trial.complaint("event_times", rule)
     if isinstance(user, Event):
         # compiled code depends on the moments only for shipped events
         compiled = trial.run("bind", np.ones((3, 1)), True, effects)
@@ -105,12 +108,6 @@ def _check_outputs(trial: Trial, outputs: Any) -> None:
         if not words or not name.isidentifier() or not all(isinstance(x, str) for x in about[:2]):
             raise trial.complaint("outputs", f"has {name!r}: {about!r}, {form}")
         _check_dims(trial, "outputs", about[2])
-
-
-def _check_event_times(trial: Trial, stated: Any, outputs: Mapping[str, Any]) -> None:
-    if stated is not None and not (isinstance(stated, tuple) and {*stated} <= {*outputs}):
-        rule = f"is {stated!r}, expected a tuple of names of outputs: {', '.join(outputs)}"
-        raise trial.complaint("event_times", rule)
 
 
 def _check_recorded(trial: Trial, effects: Any) -> None:

@@ -217,7 +217,7 @@ def read_side(value: Any, at: str) -> Any:
     name, equals, ends = value.partition("=")
     parts = ends.split(":")
     try:
-        low, high = map(_end_of, parts[:2])
+        low, high = (end if quantity_text(end) else float(end) for end in parts[:2])
     except ValueError:
         low = high = float("nan")
     if isinstance(high, str) and isinstance(low, float):
@@ -226,11 +226,6 @@ def read_side(value: Any, at: str) -> Any:
         rule = "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9"
         raise OptionError(rule, at=at, value=value)
     return name.strip(), low, high, len(parts) == 3
-
-
-def _end_of(text: str) -> float | str:
-    """Return a number, or a text with a unit; ValueError."""
-    return text if quantity_text(text) else float(text)
 
 
 def whole_side(key: str, side: Side, scene: Scene | None) -> Whole:

@@ -160,11 +160,6 @@ def _interval(run: PreparedRun, interval: float | None, every: float | None) -> 
     return min(every, t_end) / keep, keep
 
 
-def missing_members(run: PreparedRun, request: Request, done: dict[int, TaskArrays]) -> list[int]:
-    """Return the tasks that are still missing."""
-    return [i for i in range(-(-run.members.size // request["size"])) if i not in done]
-
-
 def cost_of(run: PreparedRun, request: Request, numbers: Sequence[int]) -> float:
     """Return the member-steps of tasks; a step with tangents counts as COST."""
     size = request["size"]
@@ -270,7 +265,16 @@ lyapunov = Study(
     name="lyapunov",
     text=__doc__,
     options=LyapunovOptions,
-    work=Tasks(start, missing_members, compute_members, cost_of, reduce, together=0),
+    work=Tasks(
+        start,
+        lambda run, request, done: [
+            i for i in range(-(-run.members.size // request["size"])) if i not in done
+        ],
+        compute_members,
+        cost_of,
+        reduce,
+        together=0,
+    ),
     table=table,
     variables=VARIABLES,
     picture="lyapunov_spectrum",

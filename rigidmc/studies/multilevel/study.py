@@ -166,17 +166,6 @@ def _variables(scene: Scene) -> dict[str, Any]:
     return {**variables_of(scene), **saved_variables(scene.effects, scene.recording)}
 
 
-def compute_levels(
-    run: PreparedRun,
-    request: runs.Request,
-    numbers: Sequence[int],
-    threads: int,
-    device: str | None,
-) -> list[runs.TaskArrays]:
-    """Compute batches of levels and return their sums."""
-    return sums(make_setup(run, **request), numbers, threads, device)
-
-
 def next_batches(
     run: PreparedRun, request: runs.Request, found: dict[int, runs.TaskArrays]
 ) -> list[int]:
@@ -319,7 +308,8 @@ multilevel = Study(
     text=__doc__,
     options=MultilevelOptions,
     work=Tasks(
-        start, next_batches, compute_levels, cost_of, reduce,
+        start, next_batches,
+        lambda run, request, *how: sums(make_setup(run, **request), *how), cost_of, reduce,
         is_growing=True, together=CHUNK // BATCH,
     ),
     table=table,

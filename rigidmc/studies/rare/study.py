@@ -186,13 +186,6 @@ def compute_repetitions(
     return results
 
 
-def missing_repetitions(
-    run: PreparedRun, request: Request, found: dict[int, TaskArrays]
-) -> list[int]:
-    """Return the repetitions that are still missing."""
-    return [i for i in range(request["repetitions"]) if i not in found]
-
-
 def reduce(
     run: PreparedRun, request: Request, found: dict[int, TaskArrays], options: RareOptions
 ) -> xr.Dataset:
@@ -321,7 +314,7 @@ rare = Study(
     options=RareOptions,
     work=Tasks(
         start,
-        missing_repetitions,
+        lambda run, request, done: [i for i in range(request["repetitions"]) if i not in done],
         compute_repetitions,
         cost_of,
         reduce,

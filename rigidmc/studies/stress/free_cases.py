@@ -4,7 +4,7 @@ A group is a function with `@group` that yields its `HardCase`s.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -57,11 +57,6 @@ def principal_axes() -> Iterator[HardCase]:
 FLIPPING_MOMENTS = (1.0, 2.0, 3.0)
 
 
-def _for_high_order(bound: float) -> Callable[[str], float | None]:
-    """Return a bound set by mathematics for integrators of order 6 and above."""
-    return lambda name: bound if INTEGRATORS[name].order >= 6 else None
-
-
 @group("H2", "Dzhanibekov")
 def dzhanibekov() -> Iterator[HardCase]:
     """Yield flips of a body that spins about its middle axis (Dzhanibekov effect)."""
@@ -71,7 +66,7 @@ def dzhanibekov() -> Iterator[HardCase]:
             f"the time of the first flip after a disturbance of {eps:g}: an absolute error"
             f" of 1e-16 is {1e-16 / eps:.0e} of the disturbance",
             flips(FLIPPING_MOMENTS, (eps, 2.0, 0.0), 1),
-            asked=_for_high_order(1e-10),
+            asked=lambda name: 1e-10 if INTEGRATORS[name].order >= 6 else None,
             quick=eps in (1e-4, 1e-13),
         )
     for eps in (1e-2, 1e-3, 1e-4):

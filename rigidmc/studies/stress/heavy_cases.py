@@ -11,6 +11,7 @@ import numpy as np
 
 from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.euler_rates import omega_from_euler_rates
+from rigidmc.mechanics.integrable_tops import grioli
 from rigidmc.mechanics.rotation import from_euler, matrix
 from rigidmc.physics.dynamics.so3 import vertical
 from rigidmc.studies.stress.case import Comparison, HardCase, group, makes_steps
@@ -172,33 +173,20 @@ def staude_rotation() -> Comparison:
 
 def grioli_precession() -> Comparison:
     """Compare L and the vertical in the body with Grioli's precession, for moments 1, 1.4, 2."""
-    a, b, c, k = 1.0, 1.4, 2.0, 1.0
-    e = np.array((math.sqrt((b - a) / (c - a)), 0.0, math.sqrt((c - b) / (c - a))))
-    j, d = a + c - b, e[0] * e[2] * (a - c)
-    nu = math.sqrt(k / math.hypot(j, d))
-    alpha, beta = nu**2 * j / k, -(nu**2) * d / k
-    x1, x2 = np.array((e[2], 0.0, -e[0])), np.array((0.0, 1.0, 0.0))
-
-    def motion(t: Array) -> tuple[Array, Array]:
-        """Return (L, vertical) in body axes at times t, each (3, times)."""
-        p = -nu * t
-        omega = nu * (np.cos(p) * x1[:, None] + np.sin(p) * x2[:, None] + e[:, None])
-        first = alpha * np.cos(p) + beta * np.sin(p) ** 2
-        second = alpha * np.sin(p) - beta * np.sin(p) * np.cos(p)
-        vertical = first * x1[:, None] + second * x2[:, None]
-        return np.array((a, b, c))[:, None] * omega, vertical + beta * np.cos(p) * e[:, None]
-
-    l, u = (x[:, 0] for x in motion(np.zeros(1)))
-    axis = np.cross(u, (0.0, 0.0, 1.0))
-    q = rotation_about(axis, math.atan2(np.linalg.norm(axis), u[2]))
-    scene = tops((a, b, c), tuple(l), tuple(q), tuple(k * e))
+    moments = np.array((1.0, 1.4, 2.0))
+    start = grioli(moments, 1.0, 0.0)
+    axis = np.cross(start.up, (0.0, 0.0, 1.0))
+    q = rotation_about(axis, math.atan2(np.linalg.norm(axis), start.up[2]))
+    l = moments * start.omega
+    scene = tops(tuple(moments), tuple(l), tuple(q), tuple(start.centre))
 
     def error(integrator: str, share: float) -> float:
         ds = run(scene, integrator, 20.0)
-        true_l, true_u = motion(ds.time.values)
-        l = ds.momentum.values[..., 0].T
-        off = np.linalg.norm(l - true_l, axis=0) / np.linalg.norm(true_l, axis=0)
-        lean = np.linalg.norm(matrix(ds.attitude.values[..., 0])[:, 2].T - true_u, axis=0)
+        true = grioli(moments, 1.0, ds.time.values)
+        true_l, up = moments * true.omega, matrix(ds.attitude.values[..., 0])[:, 2]
+        off = np.linalg.norm(ds.momentum.values[..., 0] - true_l, axis=1)
+        off /= np.linalg.norm(true_l, axis=1)
+        lean = np.linalg.norm(up - true.up, axis=1)
         return worst(ds, np.array([np.maximum(off, lean).max()]))
 
     return Comparison(error, "closed form (Grioli 1947)", scene.effects, makes_steps)

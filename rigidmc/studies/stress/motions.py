@@ -35,16 +35,9 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.stress.case import Comparison, makes_steps
 
-# rotation of the fastest member per step [rad], by the order of the integrator
+# rotation of the fastest member per step [rad], by the order of the integrator; an order that is
+# not here has the value of the next lower one
 TURNS = {2: 0.01, 4: 0.05, 6: 0.12, 8: 0.25, math.inf: 0.12}
-
-
-def turn_of(order: float) -> float:
-    """Return the rotation of the fastest member per step [rad], for an integrator of some order.
-
-    An order that is not in TURNS has the value of the next lower one.
-    """
-    return TURNS[max((other for other in TURNS if other <= order), default=min(TURNS))]
 
 
 def run(
@@ -61,7 +54,9 @@ def run(
     steps : their number; by default a step rotates the fastest member by `turn` [rad], or by TURNS
     """
     alike = is_shared(*scene.model.quantities())
-    turn = turn_of(INTEGRATORS[integrator].order) if turn is None else turn
+    if turn is None:
+        lower = (order for order in TURNS if order <= INTEGRATORS[integrator].order)
+        turn = TURNS[max(lower, default=min(TURNS))]
     rate = fastest_rate(scene)
     dt = t_end / steps if steps else turn / rate if rate > 0.0 else t_end / 100.0
     with warnings.catch_warnings():

@@ -222,11 +222,6 @@ def _heavy_scene(*effects: Any) -> Scene:
     return Scene(body, effects, start).with_run(members=1, t_end=1.0)
 
 
-def _steps_backwards(name: str) -> bool:
-    """Return whether an integrator is a splitting of order above 2, with backward substeps."""
-    return INTEGRATORS[name].is_splitting and INTEGRATORS[name].order > 2
-
-
 def _refused(
     name: str, call: Callable[[str], object], rule: str, claims: Claim = makes_steps
 ) -> HardCase:
@@ -241,7 +236,8 @@ def refusals() -> Iterator[HardCase]:
         "backward steps and damping",
         lambda name: simulate(_heavy_scene(Gravity(1.0), ViscousDamping(0.1)), integrator=name),
         "depends on L",
-        _steps_backwards,
+        # splittings of order above 2 have backward substeps
+        lambda name: INTEGRATORS[name].is_splitting and INTEGRATORS[name].order > 2,
     )
     yield _refused(
         "a torque on free motion",

@@ -19,7 +19,7 @@ from rigidmc.scene.model import Model
 from rigidmc.scene.parameters import END, parameters_of, path_of, unit_at
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.stated import Stated, refused_numbers
-from rigidmc.scene.units import hint_of_units, in_si
+from rigidmc.scene.units import in_si
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 Range = tuple[float | str, float | str]  # a text may have a unit, as "60 deg"
@@ -109,8 +109,8 @@ def _end(model: Model, name: str, end: float | str) -> float:
     except SceneError as error:
         raise OptionError(error.rule, at=at, value=end) from None
     except ValueError:
-        rule = f"expected LOW:HIGH, two numbers{hint_of_units(units)}"
-        raise OptionError(rule, at=at, value=end) from None
+        hint = f', or text with its unit, such as "1.5 {units_text(units)}"' * (units != "1")
+        raise OptionError(f"expected LOW:HIGH, two numbers{hint}", at=at, value=end) from None
 
 
 def _between(slider: Slider, low: float, high: float) -> Slider:

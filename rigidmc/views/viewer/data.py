@@ -196,11 +196,6 @@ SIDE = 16  # pixels per side with a member on the page
 FRAMES = 240  # frames of each member
 
 
-def is_map_dataset(ds: xr.Dataset) -> bool:
-    """Whether a Dataset is a map of `rigidmc.stability_map`."""
-    return {"x", "y"} <= set(ds.dims) and "good" in ds
-
-
 def map_data(ds: xr.Dataset, allow_code: bool) -> tuple[Scene, dict[str, Any]]:
     """Return (scene, data of the map for the page)."""
     if "z" in ds.coords:

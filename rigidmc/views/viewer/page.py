@@ -18,7 +18,6 @@ from rigidmc.views.surfaces import surface_of, surface_radius
 from rigidmc.views.viewer.data import (
     closer,
     drifts,
-    is_map_dataset,
     map_data,
     motion_data,
     motion_span,
@@ -55,7 +54,7 @@ def view(
         refuse_existing(output, force, "pages")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # the run has shown them
-        if is_map_dataset(ds):
+        if {"x", "y"} <= set(ds.dims) and "good" in ds:  # a map
             page = Page(_of_map(ds, allow_code))
         else:
             page = Page(_written(ds, _chosen(ds, members), until, allow_code))
