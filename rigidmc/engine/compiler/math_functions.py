@@ -90,6 +90,7 @@ for _known in _SCALAR_ONLY:
 @overload(operator.pow, jit_options=INLINE)
 def _compiled_power(x, y):
     if isinstance(x, _NUMBERS) and isinstance(y, types.Integer):
+        # by products, which round once each: exp(y log x) errs by |y log x| roundings
         return lambda x, y: functions.whole_power(x, y)
     if isinstance(x, _NUMBERS) and isinstance(y, (*_NUMBERS, types.Float)):
         return lambda x, y: functions.power(x, y)
