@@ -72,9 +72,6 @@ def angle_names(sequence: str = TEXTBOOK) -> tuple[str, str, str]:
     return first, second, third
 
 
-ANGLES = ("phi", "theta", "psi", "roll", "pitch", "yaw")  # all names of angles
-
-
 def quaternions_of_angles(sequence: str, first: Any, second: Any, third: Any) -> Array:
     """Return quaternions (4, ...), components first, of three angles [rad] of a common shape."""
     i, j, k, sign = axes_of(sequence)

@@ -6,7 +6,6 @@ parameter carry its tangent, and the random numbers stay. A member's tangents de
 and index alone.
 """
 
-import copy
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -21,7 +20,7 @@ from rigidmc.planning.initial import Source, fill_initial, member_ranges
 from rigidmc.scene.derivatives import seeds_of
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.model import Model
-from rigidmc.scene.parameter import Path
+from rigidmc.scene.parameter import Path, get, put
 from rigidmc.scene.quantities import Drawn, Grid, Marked, Rate, Varied
 
 SAMPLING = "sample", "sample_attitude"  # methods that draw vectors of members
@@ -94,10 +93,7 @@ def marked_model(model: Model, names: Sequence[str]) -> Model:
             rates.setdefault(path, {})[j] = rate
     # methods last, so that they belong to parts whose fields are marked
     for path, by_parameter in sorted(rates.items(), key=lambda item: item[0][-1] in SAMPLING):
-        value: Any = model
-        for key in path:
-            value = value[key] if isinstance(key, int) else getattr(value, key)
-        model = _put(model, path, _marked(value, by_parameter, len(names)))
+        model = put(model, path, _marked(get(model, path), by_parameter, len(names)))
     return model
 
 
@@ -126,18 +122,3 @@ def _with_own_components(
     if isinstance(vectors, DualArray):
         unit.tangents += vectors.tangents
     return DualArray(plain(vectors), unit.tangents)
-
-
-def _put(part: Any, path: Path, value: Any) -> Any:
-    """Return a model, a part of it or a tuple with one value replaced, without its checks."""
-    if not path:
-        return value
-    key, *rest = path
-    if isinstance(key, int):
-        return (*part[:key], _put(part[key], tuple(rest), value), *part[key + 1 :])
-    new = _put(getattr(part, key), tuple(rest), value)
-    if hasattr(part, "_replace"):
-        return part._replace(**{key: new})
-    changed = copy.copy(part)
-    object.__setattr__(changed, key, new)
-    return changed

@@ -36,6 +36,7 @@ from rigidmc.runs.blocks import compute
 from rigidmc.runs.resources import block_of, check_resources
 from rigidmc.runs.settled import Machine, SettledRun, mostly_flagged, select_members
 from rigidmc.scene.derivatives import parameters_of_run
+from rigidmc.scene.parameter import Parameters
 from rigidmc.scene.quantities import Varied
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.user_parts.registry import CLASSES, contents_of_parts, remember_classes
@@ -77,6 +78,8 @@ class PreparedRun(SettledRun):
         hashes of what custom classes read
     blanks : Blanks
         results to copy
+    varied : dict
+        the parameters that vary between runs
 
     Examples
     --------
@@ -87,6 +90,7 @@ class PreparedRun(SettledRun):
 
     contents: dict[str, str] = field(default_factory=dict)
     blanks: Blanks = field(default_factory=Blanks)
+    varied: Parameters = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.derived = dict[str | tuple[str, ...], PreparedRun]()  # by `wrt` of `run`
@@ -125,7 +129,8 @@ class PreparedRun(SettledRun):
     def with_values(self, values: Mapping[str, ArrayLike]) -> "PreparedRun":
         """Return the run with other values of the varied parameters; see `run`."""
         settings = self.scene.run
-        model, count = with_values(self.scene.model, settings.varied or {}, values)
+        nominal = settings.varied or {}
+        model, count = with_values(self.scene.model, self.varied, nominal, values)
         run = settings.model_copy(update={"first": 0, "members": count})
         scene = replace(self.scene, run=run, **model._asdict())
         moving = model if self.units is None else self.units.model(model)
@@ -286,8 +291,9 @@ def prepare_scene(scene: Scene, plotted: int = 0) -> PreparedRun:
     nominal = scene.run.varied
     if not nominal:
         return _prepare_scene(scene, plotted)
-    run = _prepare_scene(scene.with_model(open_varied(scene.model, nominal)), 0)
-    values = stored_values(scene.model, nominal)
+    opened, varied = open_varied(scene.model, nominal)
+    run = replace(_prepare_scene(scene.with_model(opened), 0), varied=varied)
+    values = stored_values(scene.model, varied)
     if values is None:
         return run
     # a result with varied parameters keeps its original plan, and each member has its own values

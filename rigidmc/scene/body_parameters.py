@@ -6,6 +6,7 @@ distance from the origin of a solid, and the axes of the scene stay.
 """
 
 import inspect
+import math
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
@@ -31,10 +32,11 @@ from rigidmc.scene.parameter import (
     of_quantity,
     of_vector,
     one_seed,
+    put,
     refused,
     symmetric_parameters,
 )
-from rigidmc.scene.quantities import Rate, is_shared
+from rigidmc.scene.quantities import Grid, Rate, Varied, is_shared
 from rigidmc.scene.reparametrise import own_number, rates_of
 from rigidmc.scene.shape import UPRIGHT, ShapePart
 from rigidmc.scene.stated import MESH, Stated, refused_numbers
@@ -43,6 +45,8 @@ from rigidmc.scene.vector_distributions import TensorRows
 from rigidmc.scene.vector_distributions.bodies import ELEMENTS, TensorDistribution, UncertainInertia
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
+POSITIVE = math.ulp(0.0), math.inf
+STATED = "body", "stated"
 # as in the columns of TensorRows: xx, yy, zz, yz, zx, xy
 TENSOR_ELEMENTS = [
     (f"body.tensor.{i + 1}.{j + 1}", (i, j))
@@ -95,29 +99,25 @@ def _of_numbers(body: Body) -> Iterator[Parameter]:
     path, unit = ("body", "moments"), BODY["moments"]
     if isinstance(body.moments, TensorDistribution):
         yield from _of_tensors(body.moments)
-    elif isinstance(body.moments, VectorDistribution):
-        yield from of_vector("body.moments", path, body.moments, unit)
     else:
-        yield from of_quantities("body.moments", path, body.moments, unit)
-        if is_shared(body.moments):
-            yield from _of_one_tensor(body)
-    yield from of_quantity("body.mass", ("body", "mass"), body.mass, BODY["mass"])
+        yield from of_vector("body.moments", path, body.moments, unit, POSITIVE)
+        yield from _of_one_tensor(body) if is_shared(body.moments) else ()
+    yield from of_quantity("body.mass", ("body", "mass"), body.mass, BODY["mass"], POSITIVE)
     yield from of_quantities("body.centre", ("body", "centre"), body.centre, BODY["centre"])
 
 
 def _of_stated(body: Body, stated: Stated) -> Iterator[Parameter]:
     """Yield the stated numbers of a body."""
-    settable = stated.names()
-    for name, rates in stated.rates().items():
-
-        def seeds(rates: Any = rates) -> list[Seed] | Refusal:
-            return moved_seeds(body, np.array(body.moments), *rates)
-
-        yield Parameter(name, BODY[name.split(".")[1]], seeds, name in settable)
+    for (field, *places), rates in stated.rates().items():
+        seeds = partial(moved_seeds, body, np.array(body.moments), *rates)
+        name = ".".join(["body", field, *(str(i + 1) for i in places)])
+        key = "inertia" if field == stated.key else field
+        is_settable = field in ("moments", "mass", "centre")
+        yield Parameter(name, BODY[field], (*STATED, key, *places), seeds, is_settable)
     if stated.key == "tensor":
         rule = "is not a number of the scene, which states a tensor: name its elements, body.tensor"
-        for i in (1, 2, 3):
-            yield Parameter(f"body.moments.{i}", BODY["moments"], rule)
+        for p in of_quantities("body.moments", ("body", "moments"), body.moments, BODY["moments"]):
+            yield p._replace(seeds=rule, is_settable=False)
 
 
 def moved_seeds(
@@ -151,7 +151,7 @@ def _of_tensors(distribution: TensorDistribution) -> Iterator[Parameter]:
     path, unit = ("body", "moments"), BODY["tensor"]
     if isinstance(distribution, TensorRows):
         for k, (name, _) in enumerate(TENSOR_ELEMENTS):
-            yield Parameter(name, unit, one_seed((*path, "rows", k)))
+            yield Parameter(name, unit, (*path, "rows", k), one_seed((*path, "rows", k)))
         return
     assert isinstance(distribution, UncertainInertia)
     covariance = np.array(distribution.covariance)
@@ -184,11 +184,8 @@ def _of_one_tensor(body: Body) -> Iterator[Parameter]:
     for name, (i, j) in TENSOR_ELEMENTS:
         unit = np.zeros((3, 3))
         unit[i, j] = unit[j, i] = 1.0
-
-        def seeds(unit: Array = unit) -> list[Seed] | Refusal:
-            return tensor_seeds(body, np.array(body.moments), unit, constant)
-
-        yield Parameter(name, BODY["tensor"], seeds)
+        seeds = partial(tensor_seeds, body, np.array(body.moments), unit, constant)
+        yield Parameter(name, BODY["tensor"], ("body", "tensor", i, j), seeds)
 
 
 def tensor_seeds(
@@ -240,15 +237,26 @@ class Solid(NamedTuple):
 
     def parameters(self) -> Iterator[Parameter]:
         """Yield the mass, or the density, and the sizes."""
-        name, scale = f"body.{self.part.solid}", self.scale
-        unit = size_units(scale)
-        yield Parameter(f"{name}.{scale}", unit, self.scale_seeds, self.is_by_mass)
+        name, scale, path = f"body.{self.part.solid}", self.scale, ("body", "mass")
+        unit, by, also = size_units(scale), self.scale_seeds, self.with_mass
+        yield Parameter(f"{name}.{scale}", unit, path, by, self.is_by_mass, POSITIVE, also)
         for word, rate in rates_of(self.body.mass).items() if scale == "mass" else ():
             seeds: Seeds = rate if isinstance(rate, str) else partial(self.mass_seeds, rate)
-            yield Parameter(f"{name}.mass.{word}", unit, seeds)
-        for k, (key, i) in enumerate(_components(self.part)):
-            of_size = f"{name}.{key}" if i is None else f"{name}.{key}.{i + 1}"
-            yield Parameter(of_size, size_units(key), partial(self.size_seeds, k))
+            yield Parameter(f"{name}.mass.{word}", unit, (*path, word), seeds)
+        for k, (key, *place) in enumerate(_components(self.part)):
+            of_size = ".".join([name, key, *(str(i + 1) for i in place)])
+            path, seeds = ("body", "shape", 0, "sizes", key, *place), partial(self.size_seeds, k)
+            yield Parameter(of_size, size_units(key), path, seeds)
+
+    def with_mass(self, model: Any, mass: Any) -> Any:
+        """Return the model with moments in proportion to another mass: a number, a grid, a nominal
+        number, or the masses of members."""
+        # of 1 kg, not of the present mass: a rerun, which has other ones, then rounds alike
+        made = Body.solid(self.part.solid, mass=1.0, **self.part.sizes)
+        made = made.with_pivot(tuple(-x for x in self.part.at)) if any(self.part.at) else made
+        each = map(float, made.moments)
+        moments = (mass.times(x) if isinstance(mass, (Grid, Varied)) else mass * x for x in each)
+        return put(model, ("body", "moments"), tuple(moments))
 
     def scale_seeds(self) -> list[Seed]:
         """Return the Seeds of the mass, or of the density."""
@@ -262,7 +270,7 @@ class Solid(NamedTuple):
         """Return the Seeds of a parameter of the mass; the moments are in proportion."""
 
         def times(by: float) -> Rate:
-            # quantities of a grid or a table have their own numbers; see `Body` of `_of_mass`
+            # quantities of a grid or a table have their own numbers; see `with_mass`
             return lambda drawn: by * rate(drawn._replace(values=drawn.values / by))
 
         ratios = (self.moments / self.mass).tolist()
@@ -292,12 +300,12 @@ class Solid(NamedTuple):
         return _made(self.part, {key: mark(x) for key, x in self.part.sizes.items()})
 
 
-def _components(part: ShapePart) -> list[tuple[str, int | None]]:
-    """Return (name, index or None) of the sizes of a solid."""
-    components: list[tuple[str, int | None]] = []
+def _components(part: ShapePart) -> list[tuple[Any, ...]]:
+    """Return (name,) or (name, index) of the sizes of a solid."""
+    components: list[tuple[Any, ...]] = []
     for key in part.sizes:
         count = COMPONENTS.get((part.solid, key))
-        components += [(key, None)] if count is None else [(key, i) for i in range(count)]
+        components += [(key,)] if count is None else [(key, i) for i in range(count)]
     return components
 
 

@@ -10,7 +10,7 @@ from rigidmc.errors import SceneError, unknown
 from rigidmc.inputs.units import powers_of, units_of_powers
 from rigidmc.scene.model import Model
 from rigidmc.scene.parameter import Parameter, Seed
-from rigidmc.scene.parameters import parameters_of, vector_of
+from rigidmc.scene.parameters import parameters_of
 
 EACH = "per parameter_unit"  # end of units that differ between the parameters
 _SYMMETRIC = (".tensor", ".mean", ".covariance")  # names before the indices of symmetric matrices
@@ -72,10 +72,10 @@ def parameters_of_run(model: Model, names: Sequence[str] | None) -> tuple[str, .
     """
     if not names:
         return ()
-    single = [name for name, p in parameters_of(model).items() if p.seeds is not None]
+    single = [p for p in parameters_of(model).values() if p.seeds is not None]
     chosen: dict[str, None] = {}
     for name in names:
-        components = [word for word in single if vector_of(word) == name]
+        components = [p.name for p in single if p.vector == name]
         chosen |= dict.fromkeys(components or [name])
     seeds_of(model, tuple(chosen))
     return tuple(chosen)

@@ -56,11 +56,6 @@ class Stated(NamedTuple):
         """Whether the inertia is about the centre of mass, and this is the fixed point."""
         return (self.about, self.pivot) == ("centre", "centre")
 
-    def names(self) -> list[str]:
-        """Return the names of the numbers that a map or `--along` may change."""
-        moments = [f"body.moments.{i}" for i in (1, 2, 3)] if self.key == "moments" else []
-        return [*moments, "body.mass", *(f"body.centre.{i}" for i in (1, 2, 3))]
-
     def tensor(self) -> Array:
         """Return the stated inertia (3, 3) in the described axes, about its own point."""
         stated = np.array(self.inertia)
@@ -126,37 +121,38 @@ class Stated(NamedTuple):
         table = {self.key: values.pop("inertia"), "principal_axes": values.pop("axes"), **values}
         return {key: value for key, value in table.items() if value is not None}
 
-    def rates(self) -> dict[str, tuple[float, Array, Array]]:
-        """Return {parameter: relative rate of the mass, rates of the centre of mass from the fixed
-        point and of the tensor about it}, with C = m (c^2 1 - c c^T) of either arm c, TdC (3.26):
+    def rates(self) -> dict[tuple[Any, ...], tuple[float, Array, Array]]:
+        """Return {(field, *indices): relative rate of the mass, rates of the centre of mass from
+        the fixed point and of the tensor about it}, with C = m (c^2 1 - c c^T) of either arm c,
+        TdC (3.26):
 
             I = J - C_stated + C_moved
         """
         m, (old, new), zero, unit = _mass(self), self.arms(), np.zeros((3, 3)), np.eye(3)
-        rates = {
-            f"body.{name}": (0.0, zero[0], change) for name, change in self._inertia_rates().items()
+        rates: dict[tuple[Any, ...], tuple[float, Array, Array]] = {
+            place: (0.0, zero[0], change) for place, change in self._inertia_rates().items()
         }
-        rates["body.mass"] = 1.0 / m, zero[0], shift(new) - shift(old)
+        rates["mass",] = 1.0 / m, zero[0], shift(new) - shift(old)
         by_old = zero if self.about == "centre" else unit
         by_new = zero if self.pivot == "centre" else unit
         for i in range(3):
             change = m * (_shift_rate(new, by_new[i]) - _shift_rate(old, by_old[i]))
-            rates[f"body.centre.{i + 1}"] = 0.0, by_new[i], change
+            rates["centre", i] = 0.0, by_new[i], change
             if isinstance(self.pivot, tuple):
-                rates[f"body.pivot.{i + 1}"] = 0.0, -unit[i], -m * _shift_rate(new, unit[i])
+                rates["pivot", i] = 0.0, -unit[i], -m * _shift_rate(new, unit[i])
         return rates
 
-    def _inertia_rates(self) -> dict[str, Array]:
+    def _inertia_rates(self) -> dict[tuple[Any, ...], Array]:
         """Return the rates of the stated tensor by its elements, and by the stated moments."""
         axes = np.eye(3) if self.axes is None else np.array(self.axes)
-        rates = {}
+        rates = dict[tuple[Any, ...], Array]()
         for i in range(3):
             if self.key == "moments":
-                rates[f"moments.{i + 1}"] = np.outer(axes[:, i], axes[:, i])
+                rates["moments", i] = np.outer(axes[:, i], axes[:, i])
             for j in range(i, 3):
                 unit = np.zeros((3, 3))
                 unit[i, j] = unit[j, i] = 1.0
-                rates[f"tensor.{i + 1}.{j + 1}"] = unit
+                rates["tensor", i, j] = unit
         return rates
 
 

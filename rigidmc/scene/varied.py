@@ -13,14 +13,14 @@ from rigidmc.inputs.labelled import COLUMN, Wanted, is_labelled, two_ways
 from rigidmc.physics.effects import label_effects
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.model import Model
+from rigidmc.scene.parameter import Parameter, Parameters
 from rigidmc.scene.parameters import (
-    parameter_names,
+    parameters_of,
     refuse_part_of_solid,
+    settable,
     solid_by_mass,
-    unit_at,
-    value_at,
-    vector_of,
     with_parameters,
+    with_vectors,
 )
 from rigidmc.scene.quantities import Grid, Varied, count_rows
 from rigidmc.scene.units import in_si
@@ -30,13 +30,14 @@ from rigidmc.scene.vector_distributions.vectors import whole_of
 Nominal = dict[str, float | list[float]]
 
 
-def variable_names(model: Model) -> list[str]:
-    """Return the names that may be varied: all parameters, except in vector distributions,
-    which have no rows, and all vectors that contain these parameters."""
-    names = [name for name in parameter_names(model) if not name.startswith(_drawn_vectors(model))]
+def variables(model: Model) -> Parameters:
+    """Return what may be varied: all parameters, except in vector distributions, which have no
+    rows, and all vectors that contain these parameters."""
+    every, drawn = parameters_of(model), _drawn_vectors(model)
+    found = with_vectors({k: p for k, p in settable(every).items() if not k.startswith(drawn)})
     if isinstance(model.start.attitude, tuple):
-        names = [*names, "start.attitude"]
-    return list(dict.fromkeys(word for name in names for word in (vector_of(name), name) if word))
+        found.setdefault("start.attitude", with_vectors(every)["start.attitude"])
+    return found
 
 
 def _drawn_vectors(model: Model) -> tuple[str, ...]:
@@ -52,8 +53,8 @@ def _drawn_vectors(model: Model) -> tuple[str, ...]:
 
 def _refused(model: Model, name: str) -> RigidmcError:
     """Return the error for a name that may not be varied, with the reason."""
-    names, solid = variable_names(model), solid_by_mass(model.body)
-    numbers = set(names) - {*map(vector_of, names), "start.attitude"}
+    names, solid = variables(model), solid_by_mass(model.body)
+    numbers = set(names) - {"start.attitude", *(p.vector for p in names.values())}
     inner = [number for number in numbers if name.startswith(f"{number}.")]
     if drawn := [vector for vector in _drawn_vectors(model) if f"{name}.".startswith(f"{vector}.")]:
         rule = f"one distribution of the scene draws {drawn[0]}: give numbers in its place"
@@ -63,7 +64,7 @@ def _refused(model: Model, name: str) -> RigidmcError:
         return refuse_part_of_solid(solid, name, "varied")
     elif name.startswith("body.tensor"):
         rule = "it turns the principal axes: vary body.moments, or simulate a tensor per member"
-    elif vector_of(name) == "start.attitude" and not model.start.has_euler_angles:
+    elif name in parameters_of(model) and name.startswith("start.attitude."):
         rule = "it is one of the four numbers of a quaternion: vary start.attitude as a whole"
     else:
         return unknown("scene parameter", names, at="varied", value=name)
@@ -76,11 +77,11 @@ def nominal_of(model: Model, names: Iterable[str]) -> Nominal:
 
     Raises SceneError for a name that the model lacks.
     """
-    nominal: Nominal = {}
+    nominal, known = Nominal(), variables(model)
     for name in names:
-        if name not in variable_names(model):
+        if name not in known:
             raise _refused(model, name)
-        value = value_at(model, name)
+        value = known[name].get(model)
         nominal[name] = list(map(_middle, value)) if isinstance(value, tuple) else _middle(value)
     return nominal
 
@@ -94,14 +95,16 @@ def _middle(value: Any) -> float:
     return float(np.median(value))
 
 
-def open_varied(model: Model, nominal: Nominal) -> Model:
-    """Return the model for planning: its varied parameters have the nominal values, marked as not
-    constant; SceneError for unknown names."""
+def open_varied(model: Model, nominal: Nominal) -> tuple[Model, Parameters]:
+    """Return (model for planning, its varied parameters): they have the nominal values, marked as
+    not constant; SceneError for unknown names."""
     marked = {
         name: tuple(map(Varied, value)) if isinstance(value, list) else Varied(value)
         for name, value in nominal.items()
     }
-    return with_parameters(model, marked, "varied", variable_names(model))
+    known = variables(model)
+    opened = with_parameters(model, marked, "varied", known)
+    return opened, {name: known[name] for name in nominal}
 
 
 def without_mark(q: Any) -> Any:
@@ -109,10 +112,10 @@ def without_mark(q: Any) -> Any:
     return q.value if isinstance(q, Varied) else q
 
 
-def stored_values(model: Model, names: Iterable[str]) -> dict[str, Any] | None:
+def stored_values(model: Model, varied: Parameters) -> dict[str, Any] | None:
     """Return {name: values by row, or a tuple of the columns of a vector} of varied parameters;
     None if the model has only nominal values."""
-    values = {name: value_at(model, name) for name in names}
+    values = {name: p.get(model) for name, p in varied.items()}
     parts = [x for v in values.values() for x in (v if type(v) is tuple else (v,))]
     count = count_rows(*parts)
     if count is None or not all(isinstance(x, (float, np.ndarray)) for x in parts):
@@ -127,19 +130,17 @@ def stored_values(model: Model, names: Iterable[str]) -> dict[str, Any] | None:
     }
 
 
-def _in_si(model: Model, name: str, array: Any) -> Any:
+def _in_si(parameter: Parameter, array: Any) -> Any:
     """Return values of a parameter in SI units; OptionError for a unit of another dimension."""
-    if type(array) is np.ndarray and array.dtype.kind in "fiu":
-        return array  # at once: to list all units takes 0.1 ms
     try:
-        return in_si(array, unit_at(model, name), "values")
+        return in_si(array, parameter.unit, "values")
     except SceneError as error:
-        rule = f"{name} {error.rule}"
+        rule = f"{parameter.name} {error.rule}"
         raise OptionError(rule, at="values", nearest=error.nearest) from None
 
 
 def with_values(
-    model: Model, nominal: Nominal, values: Mapping[str, ArrayLike]
+    model: Model, varied: Parameters, nominal: Nominal, values: Mapping[str, ArrayLike]
 ) -> tuple[Model, int]:
     """Return (model with the members' values of its varied parameters, number of members).
 
@@ -153,7 +154,8 @@ def with_values(
             raise OptionError(f"lacks {name}, which is varied", at="values")
     sizes = {name: len(v) if isinstance(v, list) else None for name, v in nominal.items()}
     in_rows = {
-        name: _rows(_in_si(model, name, value), name, sizes[name]) for name, value in values.items()
+        name: _rows(_in_si(varied[name], value), name, sizes[name])
+        for name, value in values.items()
     }
     count, changed = max(array.shape[0] if array.ndim else 0 for array in in_rows.values()), {}
     for name, array in in_rows.items():
@@ -167,8 +169,7 @@ def with_values(
         columns = np.array(array.T, order="C")  # frozen, so that the scene copies no column again
         columns.flags.writeable = False
         changed[name] = columns if size is None else tuple(columns)
-    # `open_varied` has checked the names: to list all that a solid has takes 1 ms
-    return with_parameters(model, changed, "varied", list(nominal)), count
+    return with_parameters(model, changed, "varied", varied), count
 
 
 def _rows(value: Any, name: str, size: int | None) -> Array:

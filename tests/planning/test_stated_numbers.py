@@ -19,7 +19,7 @@ from rigidmc.errors import SceneError
 from rigidmc.planning.initial import block_rows, initial_block
 from rigidmc.planning.unit_scale import scale_scene
 from rigidmc.scene.derivatives import parameter_names_of_derivatives, seeds_of
-from rigidmc.scene.parameters import parameter_names, parameters_of, with_parameter
+from rigidmc.scene.parameters import parameter_names, parameters_of, with_parameters
 from rigidmc.views.live.sliders import make_sliders
 from tests.planning.test_tangents import by_differences, rows_of, tangents
 
@@ -219,9 +219,9 @@ def test_a_map_makes_the_body_of_the_scene_with_this_number(name, tmp_path):
             other[key][int(place[0]) - 1] = value
         else:
             other[key] = value
-        assert same_body(with_parameter(scene, number, value).body, load(tmp_path, other).body), (
-            number
-        )
+        assert same_body(
+            with_parameters(scene.model, {number: value}).body, load(tmp_path, other).body
+        ), number
 
 
 @pytest.mark.parametrize("name", SMALL)
@@ -267,7 +267,7 @@ def test_members_do_not_differ_by_a_number_that_moves_the_inertia(tmp_path):
         with pytest.raises(
             SceneError, match=r"body\.mass.*enters the inertia about the fixed point"
         ):
-            with_parameter(scene, "body.mass", value)
+            with_parameters(scene.model, {"body.mass": value})
     with pytest.raises(rm.RigidmcError, match="enters the inertia"):
         rm.stability_map(scene, ("body.mass", 1.0, 2.0), ("start.omega.1", 1.0, 2.0), of="tilt")
     scene = load(tmp_path, BODIES["on its axis, about the centre"])

@@ -19,7 +19,7 @@ from rigidmc.physics.effects.protocol import is_random
 from rigidmc.results.layout import Selection
 from rigidmc.runs.resources import block_of
 from rigidmc.scene.scene import scene_of
-from rigidmc.scene.varied import variable_names
+from rigidmc.scene.varied import variables
 from tests.tools import random_scenes
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
@@ -200,7 +200,7 @@ def drawn(kind, seed):
     """(scene, numbers of what is varied, names) of a random scene."""
     chance = np.random.default_rng([seed, 17])
     scene = random_scenes.scene(kind, seed, members=ROWS)
-    able = [name for name in variable_names(scene.model) if not name.startswith("body.c")]
+    able = [name for name in variables(scene.model) if not name.startswith("body.c")]
     names = list(dict.fromkeys(chance.choice(able, 2)))
     names = [name for name in names if not any(n != name and name.startswith(n) for n in names)]
     return scene, names, chance

@@ -18,7 +18,7 @@ from rigidmc.physics.effects import EFFECTS
 from rigidmc.physics.effects.protocol import effect, facts
 from rigidmc.scene.parameters import parameter_names, unit_at
 from rigidmc.scene.units import squared
-from rigidmc.scene.varied import with_values
+from rigidmc.scene.varied import variables, with_values
 from tests.tools.random_scenes import kinds, scene
 
 BODY = "body.moments = [1.0, 2.0, 2.5]\n"
@@ -522,11 +522,12 @@ def test_values_of_varied_parameters():
     start, registry = rm.Start(omega=(0.0, 0.1, 1.0)), pint.UnitRegistry()
     whole, nominal = rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=start), {"start.omega": [0.0, 0.0, 1]}
     rates = {"start.omega": registry.Quantity(np.ones((2, 3)), "deg/s")}
-    given, count = with_values(whole.model, nominal, rates)
+    varied = {"start.omega": variables(whole.model)["start.omega"]}
+    given, count = with_values(whole.model, varied, nominal, rates)
     assert count == 2 and given.start.omega[0] == pytest.approx(DEGREE, rel=1e-15)
     with pytest.raises(OptionError, match=r"start\.omega is in rad/s, .*does not convert"):
         lengths = {"start.omega": registry.Quantity(np.ones((2, 3)), "mm")}
-        with_values(whole.model, nominal, lengths)
+        with_values(whole.model, varied, nominal, lengths)
     cone = rm.Scene(whole.body, start=rm.Start(momentum=rm.Cone(3, 1.0, 0.1)))
     found = {name: unit_at(cone.model, name) for name in parameter_names(cone.model)}
     assert found["start.momentum.angle"] == "rad" and found["start.momentum.size"] == "kg m2 s-1"

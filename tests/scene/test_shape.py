@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
 from rigidmc.errors import SceneError
-from rigidmc.scene.parameters import parameter_names, with_parameter
+from rigidmc.scene.parameters import parameter_names, with_parameters
 from rigidmc.scene.scene import Scene, scene_of
 
 TOML = """
@@ -76,27 +76,27 @@ def test_bodies_without_a_known_part_have_no_shape():
 def test_another_body_loses_the_shape():
     scene = Scene.load("tennis_racket")
     assert scene.body.shape
-    assert with_parameter(scene, "body.moments.2", 0.0165).body.shape == ()
+    assert with_parameters(scene.model, {"body.moments.2": 0.0165}).body.shape == ()
     assert Scene.load("tennis_racket", [("body.moments", "[1, 2, 2.5]")]).body.shape == ()
     assert Scene.load("tennis_racket", [("body.mass", "0.4")]).body.shape == ()
-    assert with_parameter(scene, "start.omega.2", 5.0).body.shape == scene.body.shape
+    assert with_parameters(scene.model, {"start.omega.2": 5.0}).body.shape == scene.body.shape
 
 
 def test_a_map_varies_the_mass_of_a_solid_and_its_moments_with_it():
     scene = Scene.load("heavy_top")
     names = parameter_names(scene.model)
     assert "body.cylinder.mass" in names and "body.mass" not in names
-    body = with_parameter(scene, "body.cylinder.mass", rm.grid(0.05, 1.0, 8)).body
+    body = with_parameters(scene.model, {"body.cylinder.mass": rm.grid(0.05, 1.0, 8)}).body
     moments, masses, centre = body.sample(0, 0, 8)
     for i, mass in enumerate(masses.tolist()):
         true = rm.Body.cylinder(mass, 0.03, 0.008).with_pivot((0.0, 0.0, -0.04))
         assert np.abs(moments[:, i] / true.moments - 1.0).max() < 1e-15  # measured 2.2e-16
         assert tuple(centre[:, i]) == true.centre
-    again = with_parameter(scene, "body.cylinder.mass", 0.4).body
+    again = with_parameters(scene.model, {"body.cylinder.mass": 0.4}).body
     assert again.mass == 0.4 and again.shape == body.shape == scene.body.shape
     for name in ("body.mass", "body.centre.3", "body.moments.1", "body.cylinder.radius"):
         with pytest.raises(SceneError, match=r"did you mean 'body\.cylinder\.mass'"):
-            with_parameter(scene, name, 0.4)
+            with_parameters(scene.model, {name: 0.4})
 
 
 def test_a_solid_drawn_for_other_moments_makes_no_solid_of_a_body():

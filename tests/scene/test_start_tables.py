@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import rigidmc as rm
 from rigidmc.mechanics.euler_angles import SEQUENCES, angle_names
 from rigidmc.mechanics.rotation import attitude_error
-from rigidmc.scene.parameters import parameter_names, value_at, with_parameter
+from rigidmc.scene.parameters import parameter_names, value_at, with_parameters
 from rigidmc.scene.varied import nominal_of
 from tests.tools.commands import invoke
 
@@ -145,7 +145,7 @@ def test_parameters_have_the_names_of_the_angles(sequence):
     known = [name for name in parameter_names(scene.model) if name.startswith("start.attitude")]
     assert known == [f"start.attitude.{name}" for name in names]
     for place, name in enumerate(known):
-        changed = with_parameter(scene, name, 0.7)
+        changed = scene.with_model(with_parameters(scene.model, {name: 0.7}))
         expected = [0.1, 0.2, 0.3]
         expected[place] = 0.7
         assert changed.start.attitude == tuple(expected)
@@ -154,7 +154,7 @@ def test_parameters_have_the_names_of_the_angles(sequence):
     assert nominal_of(scene.model, ["start.attitude"]) == {"start.attitude": [0.1, 0.2, 0.3]}
     if sequence == "321":
         with pytest.raises(rm.SceneError, match="yaw"):
-            with_parameter(scene, "start.attitude.yav", 0.7)
+            with_parameters(scene.model, {"start.attitude.yav": 0.7})
 
 
 def test_varied_angles_run_and_rerun():

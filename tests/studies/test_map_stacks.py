@@ -6,7 +6,7 @@ import pytest
 import rigidmc as rm
 from rigidmc.errors import OptionError
 from rigidmc.runs.directory import resume
-from rigidmc.scene.parameters import with_parameter
+from rigidmc.scene.parameters import with_parameters
 from rigidmc.studies.framework.options import read_side
 from rigidmc.studies.stability_map.compute import prepare_map
 from rigidmc.studies.stability_map.picture import stability_map
@@ -40,7 +40,7 @@ def test_sides_have_units():
 def test_a_layer_is_the_map_of_its_value(stack):
     assert dict(stack.sizes) == {"z": LAYERS, "y": 24, "x": 40}
     for k in range(LAYERS):
-        scene = with_parameter(SCENE, Z[0], float(stack.z[k]))
+        scene = SCENE.with_model(with_parameters(SCENE.model, {Z[0]: float(stack.z[k])}))
         layer = rm.stability_map(scene, *SIDES, OF, (40, 24), 1, **RUN)
         assert layer.drop_attrs().identical(stack.isel(z=k, drop=True).drop_attrs())
     assert not stack.isel(z=0, drop=True).equals(stack.isel(z=1, drop=True))

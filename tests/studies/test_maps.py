@@ -14,7 +14,7 @@ from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.free_top import analyse_free_top
 from rigidmc.physics.observables import Flips
 from rigidmc.results.variables import Variable
-from rigidmc.scene.parameters import parameter_names, with_parameter
+from rigidmc.scene.parameters import parameter_names, with_parameters
 from rigidmc.statistics.intervals import probability
 from rigidmc.statistics.measures import measure
 from rigidmc.studies.stability_map import cases
@@ -240,11 +240,11 @@ def test_names_of_parameters():
         rm.Start(omega=rm.Cone(2, 1.0, 0.1), attitude=(0.0, 1.0, 0.0)),
     )
     for i, name in enumerate(parameter_names(scene.model)):
-        changed = with_parameter(scene, name, 1.5 + 0.001 * i)
-        flat = [x for q in (changed.model.quantities(),) for x in q if isinstance(x, float)]
+        changed = with_parameters(scene.model, {name: 1.5 + 0.001 * i})
+        flat = [x for x in changed.quantities() if isinstance(x, float)]
         assert flat.count(1.5 + 0.001 * i) == 1, name
     with pytest.raises(SceneError, match=r"did you mean 'effects\.gravity\.g'"):
-        with_parameter(scene, "effects.gravity.h", 1.0)
+        with_parameters(scene.model, {"effects.gravity.h": 1.0})
 
 
 VARIABLES = {

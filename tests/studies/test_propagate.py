@@ -100,6 +100,8 @@ def test_what_has_no_covariance_is_refused(start, options, words):
     options = {**options, **({"deviations": (1.0,)} if options.get("deviations") == 1.0 else {})}
     with pytest.raises((OptionError, SceneError), match=words):
         rm.propagate(rm.Scene(DISC, start=rm.Start(omega=start)), **options)
+    with pytest.raises(SceneError, match="the sizes of a cylinder determine its centre"):
+        rm.propagate("heavy_top", wrt="body.cylinder.radius", deviations=(1e-3,))
     noisy = rm.Scene(DISC, rm.Bath(0.5, 1.0), rm.Start(omega=(0.0, 0.0, rm.normal(1.0, 0.1))))
     with pytest.raises(SceneError, match="without noise"):
         rm.propagate(noisy)

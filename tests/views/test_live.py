@@ -216,6 +216,12 @@ def test_sliders_are_refused_by_name():
         rm.live(TOP, sliders={"body.mass": (2.0, 1.0)})
     with pytest.raises(OptionError, match="must be above 0"):
         rm.live(TOP, sliders={"body.mass": (-1.0, 1.0)})
+    damped = rm.Scene(TOP.body, rm.ViscousDamping(0.0), TOP.start, TOP.run)
+    name = "effects.viscous_damping.rate"
+    with pytest.raises(OptionError, match=r"rate = -1\.0: must be between 0 and inf"):
+        rm.live(damped, sliders={name: (-1.0, 1.0)})
+    (slider,) = make_sliders(damped.model, live_run(damped, 1).start, {name: None})
+    assert (slider.low, slider.high) == (0.0, 3.0)
     with pytest.raises(OptionError, match="more than a turn: in degrees, write 60deg"):
         rm.live("heavy_top", sliders={"start.attitude.theta": (0.0, 60.0)})
     with pytest.raises(OptionError, match="two numbers, or text with its unit"):

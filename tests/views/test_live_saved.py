@@ -6,7 +6,7 @@ import xarray as xr
 
 import rigidmc as rm
 from rigidmc.physics.dynamics.functions import sincos
-from rigidmc.scene.parameters import with_parameter
+from rigidmc.scene.parameters import with_parameters
 from rigidmc.views.live.engine import SAVED, even_end, live_run
 from rigidmc.views.live.sliders import make_sliders
 from tests.tools.commands import invoke
@@ -130,7 +130,7 @@ def test_a_page_says_what_its_file_leaves_out(browser, tmp_path):
     assert rm.Scene.loads(page.evaluate("savedScene().text")).body.shape == ()
 
     two = rm.mixture((1.0, rm.normal(0.3, 0.1)), (1.0, rm.normal(0.5, 0.1)))
-    top = with_parameter(TOP, "start.attitude.theta", two)
+    top = TOP.with_model(with_parameters(TOP.model, {"start.attitude.theta": two}))
     rm.live(top, tmp_path / "two.html", {"start.attitude.theta": None})
     page = opened(browser, tmp_path / "two.html")
     page.evaluate("SLIDERS[0].set(SLIDERS[0].given + 0.1); begin(); download()")

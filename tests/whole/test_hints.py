@@ -17,7 +17,7 @@ from rigidmc.scene.library import shipped_names
 from rigidmc.scene.parameters import parameter_names
 from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import _value
-from rigidmc.scene.varied import variable_names
+from rigidmc.scene.varied import variables
 from rigidmc.scene.vector_distributions import VECTOR_DISTRIBUTIONS
 from rigidmc.views import PICTURES
 
@@ -201,7 +201,7 @@ def tails(names):
 def test_the_end_of_every_path_of_a_parameter_gets_the_path():
     pairs = 0
     for scene in map(rm.Scene.load, shipped_names()):
-        for known in (parameter_names_of_derivatives, parameter_names, variable_names):
+        for known in (parameter_names_of_derivatives, parameter_names, variables):
             names = known(scene.model)
             for tail in tails(names):
                 assert f".{nearest(tail, names)}".endswith(f".{tail}"), tail

@@ -12,7 +12,7 @@ from typing import Any, Self, dataclass_transform, get_args, get_type_hints
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.inputs.amounts import read_count, read_seconds, words_of
 from rigidmc.inputs.measured import as_measured, in_units, quantity_text
-from rigidmc.scene.parameters import parameter_names, unit_at
+from rigidmc.scene.parameters import parameters_of, settable
 from rigidmc.scene.scene import Scene
 
 REQUIRED: Any = inspect.Parameter.empty  # default of an option that must be given
@@ -235,9 +235,10 @@ def whole_side(key: str, side: Side, scene: Scene | None) -> Whole:
         example = 'such as ("body.moments.1", 0.1, 0.9)'
         raise OptionError(f"{rule}, {example}", at=key, value=side)
     name, low, high, *log = side
-    if scene is not None and name in parameter_names(scene.model):
+    known = {} if scene is None else settable(parameters_of(scene.model))
+    if name in known:
         try:
-            low, high = (in_units(end, unit_at(scene.model, name), key) for end in (low, high))
+            low, high = (in_units(end, known[name].unit, key) for end in (low, high))
         except SceneError as error:
             raise OptionError(
                 error.rule, at=key, value=error.value, nearest=error.nearest

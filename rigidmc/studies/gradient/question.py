@@ -133,7 +133,7 @@ def why_no_score(model: Model, asked: Measure, name: str) -> str:
     if name in scores:
         score = scores[name][1]
         return f"{name} {score}" if isinstance(score, str) else ""
-    no_noise = why_no_noise_score(model.effects, name)
+    no_noise = why_no_noise_score(model, name)
     if name in scores_of_noise(model.effects):
         return no_noise
     able = [key for key, (_, score) in scores.items() if not isinstance(score, str)]

@@ -28,7 +28,8 @@ from rigidmc.physics.observables import NoiseScore
 from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.scene.distributions import Distribution, Mixture, Truncated
 from rigidmc.scene.model import Model
-from rigidmc.scene.parameters import value_at
+from rigidmc.scene.parameter import get
+from rigidmc.scene.parameters import parameters_of, value_at
 from rigidmc.scene.vector_distributions.ensembles import GibbsMomentum
 from rigidmc.scene.vector_distributions.vectors import Correlated, CorrelatedPart
 
@@ -93,18 +94,18 @@ def scores_of_noise(effects: Sequence[Any]) -> dict[str, str]:
     }
 
 
-def why_no_noise_score(effects: Sequence[Any], name: str) -> str:
-    """Return the reason why the noise of effects has no score by a parameter; "" if it has, or if
+def why_no_noise_score(model: Model, name: str) -> str:
+    """Return the reason why the noise of a model has no score by a parameter; "" if it has, or if
     there is no noise.
 
     The noise of a step is a change of L at a fixed attitude. A torque, a moment or a start also
     changes the attitude before the next noise: motions with two of its values never meet, and have
     no ratio of densities.
     """
+    effects = model.effects
     if not any(map(is_random, effects)):
         return ""
-    labelled = label_effects(effects)
-    baths = [(label, effect) for label, effect in labelled if isinstance(effect, Bath)]
+    baths = [pair for pair in label_effects(effects) if isinstance(pair[1], Bath)]
     if not baths:
         return "only the noise of a bath has a score"
     label, bath = baths[0]
@@ -112,9 +113,8 @@ def why_no_noise_score(effects: Sequence[Any], name: str) -> str:
         zero = [word for word in ("gamma", "kT") if np.any(getattr(bath, word) == 0.0)]
         return f"there is no noise at {zero[0]} = 0" if zero else ""
     of_noise = f"the noise has a score by effects.{label}.gamma and effects.{label}.kT alone"
-    table, word = name.split(".")[:2]
-    acting = dict(labelled).get(word) if table == "effects" else None
-    if acting is not None and depends_on_momentum(acting):
+    path = parameters_of(model)[name].path
+    if path[0] == "effects" and depends_on_momentum(get(model, path[:2])):
         return of_noise
     return f"{of_noise}: it acts on L, and {name} also moves the attitude in a step"
 

@@ -48,7 +48,7 @@ from rigidmc.physics.dynamics.so3 import conjugate, into_body, multiply
 from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.processes.progress import say
 from rigidmc.results.labels import column_head, count_text, value_text
-from rigidmc.scene.parameters import unit_at, with_parameter
+from rigidmc.scene.parameters import unit_at, with_parameters
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.members import refuse_noise
 from rigidmc.studies.framework.options import SIDE, Options, Side, option, whole_side
@@ -166,7 +166,8 @@ def _along(
     grid = _values(name, low, high, log, options.points)
 
     def problem_at(value: float) -> Problem:
-        return Problem.of(with_parameter(scene, name, value, "along"), scene.run.first)
+        model = with_parameters(scene.model, {name: value}, "along")
+        return Problem.of(scene.with_model(model), scene.run.first)
 
     def count(done: int) -> None:
         if done % 16 == 0 or done == len(grid):

@@ -177,13 +177,13 @@ def input_of(scene: Scene, options: PropagateOptions) -> Input:
 
 def ensemble_of(inputs: Input, threads: int | None) -> "Iterator[tuple[Array, Any]]":
     """Yield (deviations of the parameters (P, n), result) of the members, BATCH at a time."""
-    means = {name: float(value_at(inputs.nominal.model, name)) for name in inputs.names}
     members, seed = inputs.nominal.run.members, inputs.nominal.run.seed
     if inputs.scene is None:
         run = prepare(inputs.nominal, varied=inputs.names)
         drawn = draw_normal(inputs.covariance, members, seed)
     else:
         run = prepare_scene(inputs.scene)  # another scene: it draws from its own distributions
+    means = {name: float(value_at(inputs.nominal.model, name)) for name in inputs.names}
     for low in range(0, members, BATCH):
         some = range(low, min(low + BATCH, members))
         if inputs.scene is None:

@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 
 from rigidmc.errors import FileError, OptionError, RigidmcError
 from rigidmc.inputs.amounts import read_count
-from rigidmc.scene.parameters import with_parameter
+from rigidmc.scene.parameters import with_parameters
 from rigidmc.scene.quantities import Grid, grid
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.framework.options import Side, Whole, whole_side
@@ -77,10 +77,10 @@ class MapRequest(NamedTuple):
 
     def of_scene(self, scene: Scene) -> Scene:
         """Return the scene with the members of the map; OptionError for unknown parameters."""
-        grids = self.grids()
+        grids, model = self.grids(), scene.model
         for key in reversed(grids):
-            scene = with_parameter(scene, self.sides[key][0], grids[key], key)
-        return scene.with_run(members=self.members, first=0)
+            model = with_parameters(model, {self.sides[key][0]: grids[key]}, key)
+        return scene.with_model(model).with_run(members=self.members, first=0)
 
     def text(self) -> str:
         """Return the request as JSON, for the facts of a run directory."""

@@ -129,7 +129,7 @@ def _text(scene: Scene, asked: Mapping[str, Range | None] | None, count: int | N
         warnings.simplefilter("ignore", SceneWarning)  # of a run, which this is not
         prepared = live_run(scene, members)
         moving = prepared.run.scene
-        sliders = make_sliders(moving.model, prepared.start, asked)
+        sliders = make_sliders(moving.model, prepared.start, asked, moving.run.anti_damping)
         engine = engine_data(prepared, members)
         moved = [_slider(slider) | saving_data(prepared, slider) for slider in sliders]
     plan, model = prepared.run.plan, moving.model
@@ -188,7 +188,7 @@ def _sequence(sequence: str) -> dict[str, Any]:
 
 def _slider(slider: Slider) -> dict[str, Any]:
     fields = slider._asdict() | {"shared": slider.is_shared}
-    left = "is_shared", "source", "array", "component"
+    left = "parameter", "is_shared", "source", "array", "component"
     return {name: value for name, value in fields.items() if name not in left}
 
 

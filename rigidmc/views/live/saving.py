@@ -18,7 +18,8 @@ from rigidmc.planning.initial import initial_block
 from rigidmc.scene.body import Body
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.model import Model
-from rigidmc.scene.parameters import path_of, with_parameters
+from rigidmc.scene.parameter import Parameter
+from rigidmc.scene.parameters import with_parameters
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.toml.values import as_toml
@@ -57,7 +58,7 @@ def _marked(scene: Scene, sliders: Mapping[int, Slider]) -> str:
     if follows_turns(scene.integrator):
         tables["run"]["turn_rate"] = "@turn_rate@"
     for k, slider in sliders.items():
-        table, *path = _path(scene.model, slider.name)
+        table, *path = _path(scene.model, slider.parameter)
         place: Any = tables[table]
         for part in path[:-1]:
             place = place[part]
@@ -71,9 +72,9 @@ def _in_a_line(rows: re.Match[str]) -> str:
     return f"[{' '.join(row.strip() for row in rows[1].splitlines()).removesuffix(',')}]"
 
 
-def _path(model: Model, name: str) -> tuple[Any, ...]:
+def _path(model: Model, parameter: Parameter) -> tuple[Any, ...]:
     """Return the keys and indices of a number in the tables of a scene file."""
-    table, first, *rest = path_of(model, name)
+    table, first, *rest = parameter.path
     if first == "attitude" and model.start.sequence != TEXTBOOK:
         rest = ["angles", *rest]
     if table != "effects":

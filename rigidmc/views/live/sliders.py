@@ -16,13 +16,15 @@ from rigidmc.physics.effects.protocol import facts, shape
 from rigidmc.planning.orbit_start import relative_to_orbit
 from rigidmc.results.labels import units_text
 from rigidmc.scene.model import Model
-from rigidmc.scene.parameters import END, parameters_of, path_of, unit_at
+from rigidmc.scene.parameter import Parameter
+from rigidmc.scene.parameters import parameters_of
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.stated import Stated, refused_numbers
 from rigidmc.scene.units import in_si
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 Range = tuple[float | str, float | str]  # a text may have a unit, as "60 deg"
+Asked = Mapping[str, Range | None] | None
 WIDE = 3.0  # a slider reaches from a third of its number to three times it
 _LETTERS = {"phi": "φ", "theta": "θ", "psi": "ψ"}
 _INDICES = "₁₂₃"
@@ -51,6 +53,7 @@ class Slider(NamedTuple):
     """
 
     name: str
+    parameter: Parameter
     label: str
     unit: str
     shown: float
@@ -73,18 +76,19 @@ class Slider(NamedTuple):
 
 
 def make_sliders(
-    model: Model, start: Mapping[str, Array], asked: Mapping[str, Range | None] | None
+    model: Model, start: Mapping[str, Array], asked: Asked, driven: bool = False
 ) -> list[Slider]:
     """Return the sliders of a page.
 
     start : the numbers that members are built from, see `rigidmc.planning.initial`
     asked : {name: ends, in SI units or texts with a unit, None for a third to three times}; None
         for moments, spin, lean and gravity
+    driven : whether damping may be negative
     Raises OptionError for a name that no slider can move, with the reason.
     """
-    sliders = {slider.name: slider for slider in _all(model, start)}
+    sliders = {slider.name: slider for slider in _all(model, start, driven)}
     if asked is None:
-        return [slider for name, slider in sliders.items() if _is_usual(name)]
+        return [slider for slider in sliders.values() if _is_usual(slider.parameter)]
     refused = _refusals(model)
     made = []
     for name, ends in asked.items():
@@ -96,14 +100,14 @@ def make_sliders(
             raise unknown(kind, sliders, at="slider", value=name, error=OptionError)
         slider = sliders[name]
         if ends is not None:
-            slider = _between(slider, *(_end(model, name, end) for end in ends))
+            slider = _between(slider, *(_end(slider.parameter, end) for end in ends))
         made.append(slider)
     return made
 
 
-def _end(model: Model, name: str, end: float | str) -> float:
+def _end(parameter: Parameter, end: float | str) -> float:
     """Return the end of a slider in SI units; OptionError."""
-    at, units = f"slider.{name}", unit_at(model, name)
+    at, units = f"slider.{parameter.name}", parameter.unit
     try:
         return float(in_si(end, units, at))
     except SceneError as error:
@@ -118,9 +122,11 @@ def _between(slider: Slider, low: float, high: float) -> Slider:
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         rule = "expected two finite numbers, the lower one first"
         raise OptionError(rule, at=f"slider.{slider.name}", value=f"{low:g}:{high:g}")
+    least, most = slider.parameter.limits
     for end in (low, high):
-        if slider.kind in ("moments", "mass") and not end > 0.0:
-            raise OptionError("must be above 0", at=f"slider.{slider.name}", value=end)
+        if not least <= end <= most:
+            rule = "above 0" if 0.0 < least < 1e-300 else f"between {least:g} and {most:g}"
+            raise OptionError(f"must be {rule}", at=f"slider.{slider.name}", value=end)
         if slider.kind == "angle" and abs(end) > 2.0 * math.pi:
             rule = f"is more than a turn: in degrees, write {end:g}deg"
             raise OptionError(rule, at=f"slider.{slider.name}", value=f"{end:g} rad")
@@ -130,13 +136,12 @@ def _between(slider: Slider, low: float, high: float) -> Slider:
     return slider._replace(low=low, high=high, usual=False)
 
 
-def _is_usual(name: str) -> bool:
+def _is_usual(parameter: Parameter) -> bool:
     """Whether a page has this slider unless others are asked for."""
-    if name.startswith("effects."):
-        return name.endswith((".g", ".field.3"))
-    return name.startswith(("body.moments.", "start.omega.", "start.momentum.")) or (
-        name == "start.attitude.theta"
-    )
+    table, field, *places = parameter.path
+    if table == "effects":
+        return places in (["g"], ["field", 2])
+    return field in ("moments", "omega", "momentum") or parameter.name == "start.attitude.theta"
 
 
 def _refusals(model: Model) -> dict[str, str]:
@@ -162,16 +167,16 @@ def _refusals(model: Model) -> dict[str, str]:
     return refused
 
 
-def _all(model: Model, start: Mapping[str, Array]) -> list[Slider]:
+def _all(model: Model, start: Mapping[str, Array], driven: bool) -> list[Slider]:
     """Return all sliders that a model can have."""
     refused, made = tuple(_refusals(model)), list[Slider]()
     spin = float(np.abs(start[f"start_{model.start.spin_name}"]).max())
     labels, rows = label_effects(model.effects), rows_of_effects(model.effects)
-    for name, parameter in parameters_of(model).items():
-        table, first, *rest = path_of(model, name)
+    for name, parameter in parameters_of(model, driven).items():
+        table, first, *rest = parameter.path
         field, places = (rest[0], rest[1:]) if table == "effects" else (first, rest)
         is_number = len(places) < 2 and all(isinstance(place, int) for place in places)
-        if not is_number or name.startswith((*refused, END)):
+        if table == "run" or not is_number or name.startswith(refused):
             continue
         k, row, word = int(places[0]) if places else 0, 0, str(field)
         if table == "effects":
@@ -197,8 +202,10 @@ def _all(model: Model, start: Mapping[str, Array]) -> list[Slider]:
         low, high = _ends(kind, number, values, spin)
         if kind == "moments":
             low, high = _possible(start, k, number, low, high)
+        least, most = parameter.limits
+        low, high = min(number, max(low, least)), max(number, min(high, most))
         at = row or k, row, number, low, high
-        made.append(Slider(name, shown, unit, by, kind, *at, source, is_one, array, k))
+        made.append(Slider(name, parameter, shown, unit, by, kind, *at, source, is_one, array, k))
     return made
 
 
