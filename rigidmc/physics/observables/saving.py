@@ -189,8 +189,8 @@ def with_derivatives(record: EventRecord) -> EventRecord:
 
 def roles_of(one: Event) -> list[str]:
     """Return the role of each output of an event: "count", "first", or "" for another."""
-    # All differ, and 3, 5 and 5.25 are no sum, difference or ratio of two of them: an output with
-    # one of these has its role.
+    # All differ, and no sum, difference or ratio of two of them is 3, 5 or 5.25: an output with one
+    # of these has its role.
     numbers = _COUNT, _FIRST, 7.0, 7.25, _FIRST_TAU, 11.0, 5.5
     record = EventRecord(*(np.array([x]) for x in numbers))
     words = {_COUNT: "count", _FIRST: "first", _FIRST_TAU: "first"}
