@@ -194,7 +194,7 @@ def _along(coordinates: Coordinates, q: Array, rate: Array) -> Array:
     way = rate / (fastest or 1.0)  # 0 at rest, in any unit
     if not callable(coordinates):
         return fastest * rate_matrix(coordinates, q + 1j * STEP * way).imag / STEP
-    # order 4 leaves h^4/30 of the fifth derivative, 3e-14, as much as rounding by 1e-16/h
+    # order 4 leaves h^4/30 of the fifth derivative, 3e-14; rounding leaves 1e-16/h, 1e-13
     h = 1e-3
     near = [rate_matrix(coordinates, q + k * h * way) for k in (-2, -1, 1, 2)]
     slope: Array = (8.0 * (near[2] - near[1]) - (near[3] - near[0])) * (fastest / (12.0 * h))

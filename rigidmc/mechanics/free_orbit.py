@@ -131,6 +131,7 @@ def curve(axes, u):
     a2 = abs(axes.a2)
     square, low = p + max(q1, q3), p + min(q1, q3)  # lambda^2 and m lambda^2, per |L|^2
     m = divide(low, square)
+    # not 1 - m, which is 0 below 1e-16: K still grows by 2.3 for each factor of 100 in mc
     mc = select(square > 0.0, divide(max(q1, q3) - min(q1, q3), square), 1.0)
     bb = uk * uk + divide(aj, a2) * (u2 * u2)
     ww = u2 * u2 + divide(a2, aj) * (uk * uk)

@@ -117,6 +117,7 @@ class Amplitude(NamedTuple):
 def amplitude(o, p):
     """Return the Amplitude of a CubicStart and its TurningPoints."""
     m = divide(o.beta * p.width, p.span)
+    # a sum of positive terms: 1 - m is 0 below 1e-16, and the period of a near-separatrix top inf
     mc = select(p.span > 0.0, divide(o.beta * p.v2 + p.v3, p.span), 1.0)
     still = (p.span == 0.0) | ((mc == 0.0) & (p.s2 == 0.0))
     moves = (p.width > 0.0) & logical_not(still)

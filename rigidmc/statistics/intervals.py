@@ -177,6 +177,7 @@ def correlation(first: Array, other: Array, confidence: float = 0.95) -> Interva
     with np.errstate(all="ignore"):
         a, b = (np.where(there, x, 0.0) for x in (first, other))
         a, b = (np.where(there, x - (x.sum(-1) / n)[..., None], 0.0) for x in (a, b))
+        # two roots: the product of the sums would overflow for values above 1e77
         size = np.sqrt((a * a).sum(-1)) * np.sqrt((b * b).sum(-1))
         size = np.where(same, np.nan, size)
         r = np.clip((a * b).sum(-1) / size, -1.0, 1.0)
@@ -212,6 +213,7 @@ def quantile(
         return Interval(np.nan, np.nan, np.nan)
     # ranks from 0, with P(too low) and P(too high) at most `tail`
     tail = 0.5 * (1.0 - confidence)
+    # `ppf` returns the least rank with a probability of at least `tail`: mostly one too high
     low = int(stats.binom.ppf(tail, x.size, q))
     low -= int(stats.binom.cdf(low, x.size, q) > tail)
     high = int(stats.binom.isf(tail, x.size, q))
@@ -228,6 +230,7 @@ def ranks_of_quantile(q: float, n: int) -> tuple[int, int]:
 
 def middle(low: float, high: float) -> float:
     """Return the mean of two numbers; `low` if `high` is inf, an event beyond the end."""
+    # halves first: the sum of two numbers above 9e307 would be inf
     return low if low == high or high == np.inf else 0.5 * low + 0.5 * high
 
 

@@ -180,6 +180,7 @@ def _search(numbers: Array, brackets: list[tuple[float, float]], first: bool) ->
     low, high = float(x.min()), float(x.max())
     with np.errstate(over="ignore", invalid="ignore"):
         total = float(x.sum())
+        # about the mean of the piece: squares of 1e8 +- 1 would have no digit of the variance left
         apart = x - total / x.size
         squares = float(np.square(apart, apart).sum())
     return _Part(numbers.size, unknown, x.size, float(x[0]), low, high, total, squares, ranks)

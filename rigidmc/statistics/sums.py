@@ -52,6 +52,7 @@ def moments_of_groups(x: Array, there: NDArray[np.bool_]) -> Array:
         np.add.reduceat(there, starts, dtype=float, out=count)
     np.add.reduceat(x, starts, out=mean)
     mean /= np.maximum(count, 1.0)
+    # about the mean: squares of values of 1e8 that differ by 1 would have no digit of the variance
     apart = x - np.repeat(mean, GROUP)[: x.size]
     np.multiply(apart, apart, out=apart)
     if not everywhere:

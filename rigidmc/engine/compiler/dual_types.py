@@ -99,6 +99,7 @@ def _from_plain(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) 
 
 def dual_among(kinds: Sequence[Any]) -> DualType | None:
     """Return the Dual among types that may meet in one operation; None if there is none."""
+    # a kernel has one number of tangents: two Duals of different numbers are a mistake, not a sum
     dual = next((ty for ty in kinds if isinstance(ty, DualType)), None)
     if dual is None or not all(ty in (dual, dual.vector) or isinstance(ty, _PLAIN) for ty in kinds):
         return None
@@ -257,6 +258,7 @@ def constant(ty: DualType, number: float) -> Any:
 def choose(b: Any, ty: DualType, mask: Any, one: Operand, other: Operand) -> Any:
     """Return (value, tangents) of one operand where a mask holds, else of the other."""
     tangents = zip(one.tangents or zeros(ty), other.tangents or zeros(ty), strict=True)
+    # A select, not a weighted sum: the tangent of the other side may be 0/0, and is dropped.
     value = b.select(mask, one.value, other.value)
     return value, [b.select(mask, p, q) for p, q in tangents]
 

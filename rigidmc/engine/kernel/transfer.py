@@ -58,6 +58,7 @@ def gather_members(frame, low, h, round_start, part):
     order, indices = memory(frame.order, lanes), memory(frame.members, lanes)
     for j in range(1 + frame.tangents):
         block, state, rows = copy_of_members(frame, j, part)
+        # numbers and lengths of steps depend on no parameter: their derivatives are 0
         own, since = (frame.member_steps, round_start) if j == 0 else (0, 0.0)
         length = h if j == 0 else 0.0
         arguments = block, frame.rows, members, low, own, length, since, state, rows

@@ -180,6 +180,7 @@ def _ways(
     keeping: list[Candidate] = []
     nearest = math.inf
     for integrator, precision in tried:
+        # a rung may have twice the steps it needs, and `_refined` then halves them: twice the cost
         most = 2.0 * min((costs.per_member(w) for w in keeping), default=math.inf)
         limit = _limit(costs.pilot, integrator, tolerance, share)
 
@@ -290,6 +291,7 @@ def _refined(costs: Costs, ways: list[Candidate], limit: float) -> Candidate:
         if not costs.pilot.effort.allows(costs.pilot.work(good.integrator, good.steps), LADDERS):
             break
         slope = math.log(bad.upper / good.upper) / math.log(good.steps / bad.steps)
+        # the error hardly depends on the step: rounding, or a kink, and no slope to follow
         if slope <= 0.5:
             break
         # aims a tenth below the limit: the slope between two rungs is not the slope between these

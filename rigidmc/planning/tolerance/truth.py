@@ -79,6 +79,8 @@ def integrate_reference(
         apart = errors(pilot, fine, beside)["state"]
         worst = upper_quantile(apart)
         # errors as large as the motion do not show whether finer steps converge
+        # half the step divides the error of rk8 by 256, of srkn11 by 64, of cf4 by 16: less than 4
+        # is rounding or chaos
         is_stuck = last is not None and last[0] < 0.1 and worst > 0.25 * last[0]
         if (
             worst < agreed
@@ -130,6 +132,7 @@ def _confirm_by_cf4(pilot: Pilot, true: Reference, steps: int, compensated: bool
 def _closed_truth(pilot: Pilot, case: ClosedMotion) -> Reference:
     """Compute the Reference of a closed form; its error is estimated by perturbing the start."""
     states = _motion(pilot, case)
+    # a million roundings: the difference of the two motions keeps 6 digits, and grows linearly
     size, block = 1e-10, pilot.block[:, : pilot.members].copy()
     perturb(block, size, pilot.has_attitude, np.random.default_rng(0))
     attitude = block[: layout.MOMENTUM].T if pilot.has_attitude else case.attitude

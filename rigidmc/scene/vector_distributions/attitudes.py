@@ -121,6 +121,7 @@ class Pointing(VectorDistribution):
         turn = Distribution("uniform", (0.0, 2.0 * math.pi))
         laws = (Distribution("uniform", (0.0, 1.0)), turn, turn)
         u, azimuth, psi = draw(laws, sampler, f"{name}.pointing", first, count)
+        # from 1 - cos theta: the arccosine of tilts of 1e-6 rad (kappa = 1e12) is up to 12 % off
         theta = 2.0 * arcsine(np.sqrt(np.clip(0.5 * _one_less_cosine(self.kappa, u), 0.0, 1.0)))
         x, y, z = self.direction
         tip = quaternion_from_euler(arctan2(x, -y), arctan2(hypotenuse(x, y), z), np.zeros(()))
@@ -155,10 +156,13 @@ def _rotation_angles(kappa: float) -> tuple[Array, Array]:
     """
     from scipy.integrate import cumulative_simpson
 
+    # Angles at even steps of arsinh(angle/width): interpolation is at most 4e-5 of the standard
+    # deviation off up to kappa = 1e8; with even angles 5e-3 at 1e4, and twice it at 1e8.
     width = min(1.0, 1.0 / math.sqrt(2.0 * kappa + 1.0))
     s = np.linspace(0.0, 1.0, 20_001)
     end = logarithm_of(1.0 / width + math.sqrt(1.0 / (width * width) + 1.0))  # arsinh(1/width)
     angle = np.pi * hyperbolic_sine(s * end) * width
+    # relative to its size at 0: exp(2 kappa) itself overflows from kappa = 355 on
     density = (1.0 - cosine(angle)) * exponential_of(2.0 * kappa * (cosine(angle) - 1.0))
     total = cumulative_simpson(density, x=angle, initial=0.0)
     return total / total[-1], angle

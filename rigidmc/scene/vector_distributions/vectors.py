@@ -221,6 +221,7 @@ def whole_of(value: Any) -> Correlated | None:
 
 def lower_factor(c: Any) -> tuple[tuple[float, ...], ...]:
     """Return the rows of the lower Cholesky factor of a symmetric 3x3 matrix."""
+    # written out, not by LAPACK: its digits differ between machines, and tangents pass through
     a = square_root(c[0][0])
     b, d = c[1][0] / a, c[2][0] / a
     e = square_root(c[1][1] - b * b)
@@ -257,5 +258,6 @@ def directions(sampler: Source, name: str, first: int, count: int) -> Array:
     azimuth are uniform."""
     laws = (uniform(-1.0, 1.0), uniform(0.0, 2.0 * math.pi))
     z, phi = draw(laws, sampler, f"{name}.direction", first, count)
+    # 1 - z^2 would lose digits near the poles
     r, (y, x) = np.sqrt((1.0 - z) * (1.0 + z)), sincos(phi)
     return np.stack([r * x, r * y, z])

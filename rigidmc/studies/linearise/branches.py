@@ -104,6 +104,7 @@ def follow(
         for branch, motion in zip(branches, tracked, strict=True):
             branch.append(motion)
         alive = [motion for motion in tracked if motion is not None]
+        # of motions alike the first stays, and known ones come first: the rest begin branches
         for motion in distinct([*alive, *problem.search(starts)])[len(alive) :]:
             branches.append([*[None] * k, motion])
         tell(k + 1)
@@ -130,6 +131,7 @@ def _bifurcations(events: Sequence[BranchEvent], is_hamiltonian: bool) -> list[B
     """Return the bifurcations that changes of stability and ends of branches make up."""
     bifurcations, left = list[Bifurcation](), list(events)
 
+    # Changes of stability first: an end beside one is part of a pitchfork, not of a fold.
     for event in [e for e in events if not e.is_end]:
         if event not in left:
             continue
@@ -142,6 +144,7 @@ def _bifurcations(events: Sequence[BranchEvent], is_hamiltonian: bool) -> list[B
         ]  # fmt: skip
         if event.frequency:
             kind = HAMILTONIAN_HOPF if is_hamiltonian else HOPF
+        # one branch ends here, and another begins: they are one branch, which crosses this one
         elif crossed or len({e.is_last for e in met}) == 2:
             kind = TRANSCRITICAL
         else:
@@ -194,6 +197,7 @@ def _is_near(old: SteadyMotion, new: SteadyMotion) -> bool:
     """Return whether two motions at neighbouring values may be one."""
     (q, l), (p, m) = old.guess, new.guess
     size = float(max(np.linalg.norm(l), np.linalg.norm(m)))
+    # q and -q are one attitude; the arccosine errs by 1e-8 rad near 0, far below FAR
     turned = 2.0 * np.arccos(min(1.0, abs(float(q @ p))))
     unit = old.system.mechanics.unit
     return bool(turned < FAR and np.linalg.norm(l - m) < FAR * (size + 1e-6 * unit))
