@@ -19,7 +19,7 @@ from rigidmc.errors import SceneError
 from rigidmc.planning.initial import block_rows, initial_block
 from rigidmc.planning.unit_scale import scale_scene
 from rigidmc.scene.derivatives import parameter_names_of_derivatives, seeds_of
-from rigidmc.scene.parameters import parameter_names, parameters_of, with_parameters
+from rigidmc.scene.parameters import parameter_names, with_parameters
 from rigidmc.views.live.sliders import make_sliders
 from tests.planning.test_tangents import by_differences, rows_of, tangents
 
@@ -276,38 +276,3 @@ def test_members_do_not_differ_by_a_number_that_moves_the_inertia(tmp_path):
         make_sliders(scene.model, start, {"body.mass": None})
     sliders = make_sliders(scene.model, start, None)
     assert all(not slider.name.startswith("body.") for slider in sliders)
-
-
-def ends(tmp_path, name, settings=()):
-    """Omega at the end of runs of a body with other numbers, as `--set` changes them."""
-    load(tmp_path, BODIES[name])
-    scene = rm.Scene.load(tmp_path / "scene.toml", settings)
-    run = {"integrator": "rk8", "dt": 0.01, "t_end": 0.5, "members": 1, "save": ("omega",)}
-    return scene, run
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [one for one in BODIES if one.startswith(("moments", "tensor"))])
-def test_derivatives_of_runs_are_those_of_set(name, tmp_path):
-    scene, run = ends(tmp_path, name)
-    names = ("body.mass", "body.centre.1", "body.centre.2", "body.centre.3")
-    if "turns the principal axes" in str(parameters_of(scene.model)[names[1]].seeds()):
-        names = names[:1]
-    ds = rm.simulate(scene, wrt=names, **run)
-    found = ds.d_omega.isel(time=-1, member=0).transpose("parameter", "axis").values
-    h = 1e-4
-    for rates, number in zip(found, names, strict=True):
-        at = []
-        for sign in (1, -1):
-            centre, mass = list(MASS["centre"]), MASS["mass"]
-            if number == "body.mass":
-                mass += sign * h
-            else:
-                centre[int(number[-1]) - 1] += sign * h
-            settings = {"body.mass": repr(mass), "body.centre": repr(centre)}
-            other, _ = ends(tmp_path, name, settings)
-            at.append(rm.simulate(other, **run).omega.isel(time=-1, member=0).values)
-        difference = (at[0] - at[1]) / (2.0 * h)
-        size = max(np.abs(difference).max(), 1e-3)
-        # of order 2: measured 7.2e-8
-        assert np.abs(rates - difference).max() < 1e-6 * size, number

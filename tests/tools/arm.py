@@ -26,34 +26,16 @@ def use_arm():
     machine.platform.machine = lambda: "aarch64"
 
 
-def loop_of(assembly):
-    """The loop with most arithmetic, of those without another in them."""
-    lines = [line for line in assembly.splitlines() if not line.startswith("\t.")]
-    labels = {line.split(":")[0]: i for i, line in enumerate(lines) if re.match(r"[.\w$]+:", line)}
-    ends = {}
-    for i, line in enumerate(lines):
-        jump = BRANCH.match(line)
-        if jump and labels.get(jump[1], i) < i:
-            ends[labels[jump[1]]] = i
-    inner = [
-        lines[begin : end + 1]
-        for begin, end in ends.items()
-        if not any(begin < other < end for other in ends)
-    ]
-    loops = [[line.strip() for line in loop if line.startswith("\t")] for loop in inner]
-    return max(loops, key=lambda loop: sum(bool(ARITHMETIC.match(line)) for line in loop))
-
-
 def counted():
     """{integrator, with gravity or not: {members side by side: what a member and step takes}}."""
     from rigidmc.physics.effects import Gravity
-    from tests.tools.assembly import assembly_of, case
+    from tests.tools.assembly import assembly_of, case, loop_of
 
     found = {}
     for name, weight in CASES:
         made = case(name, tuple(map(Gravity, weight)))
         for lanes in (2, 4, 8):
-            loop = loop_of(assembly_of(made, lanes))
+            loop = loop_of(assembly_of(made, lanes), BRANCH, ARITHMETIC.match)
             packed = [line for line in loop if (m := ARITHMETIC.match(line)) and m[2]]
             found.setdefault(f"{name}, {'heavy' if weight else 'free'}", {})[lanes] = {
                 "instructions": len(loop) / lanes,

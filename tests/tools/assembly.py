@@ -35,8 +35,17 @@ def blocks_of(assembly):
     return blocks
 
 
-def loop_of(assembly):
-    """The loop with most packed arithmetic, of those without another in them.
+BRANCH = re.compile(r"\tj\w+\s+(\S+)$")
+
+
+def is_packed(line):
+    """Whether a line is packed arithmetic."""
+    found = ARITHMETIC.match(line)
+    return bool(found) and found[2] == "p"
+
+
+def loop_of(assembly, branch=BRANCH, counts=is_packed):
+    """The loop with most lines that count, of those without another in them.
 
     A loop goes from a label to the last jump back to it.
     """
@@ -44,18 +53,15 @@ def loop_of(assembly):
     labels = {line.split(":")[0]: i for i, line in enumerate(lines) if re.match(r"[.\w$]+:", line)}
     ends = {}
     for i, line in enumerate(lines):
-        jump = re.match(r"\tj\w+\s+(\S+)$", line)
+        jump = branch.match(line)
         if jump and labels.get(jump[1], i) < i:
             ends[labels[jump[1]]] = i
-    inner = [
-        (begin, end)
+    loops = [
+        [line.strip() for line in lines[begin : end + 1] if line.startswith("\t")]
         for begin, end in ends.items()
-        if not any(begin <= other < end and other != begin for other in ends)
+        if not any(begin < other < end for other in ends)
     ]
-    loops = [[x.strip() for x in lines[i : j + 1] if x.startswith("\t")] for i, j in inner]
-    return max(
-        loops, key=lambda loop: sum(bool(m) and m[2] == "p" for m in map(ARITHMETIC.match, loop))
-    )
+    return max(loops, key=lambda loop: sum(map(bool, map(counts, loop))))
 
 
 def slots(loop):
