@@ -130,6 +130,11 @@ def true_top(job):
     return [float(x) for x in q], [float(x) for x in end]
 
 
+def truths(found):
+    """Return (attitudes, momenta) of pairs."""
+    return [np.array(values) for values in zip(*found, strict=True)]
+
+
 def apart(a, b):
     """Return errors of momentum, relative to its size, and attitude [rad]."""
     return np.linalg.norm(a.momentum - b[1], axis=-1) / np.linalg.norm(
@@ -212,17 +217,8 @@ def free_rows(count, pool):
         period = np.minimum(np.where(np.isfinite(what.period), what.period, np.inf), 200.0 / spin)
         for words, most in (("one period", 1.0), ("1e3 periods", 1e3)):
             t = rng.uniform(-1.0, 1.0, len(l)) * most * period
-            truth = [
-                np.array(v)
-                for v in zip(
-                    *pool.map(
-                        true_free,
-                        [(kind, *job) for job in zip(moments, l, t, strict=True)],
-                        chunksize=25,
-                    ),
-                    strict=True,
-                )
-            ]
+            jobs = [(kind, *job) for job in zip(moments, l, t, strict=True)]
+            truth = truths(pool.map(true_free, jobs, chunksize=25))
 
             def drift(motion, moments=moments, l=l):
                 squares = (
@@ -257,15 +253,8 @@ def heavy_rows(count, pool):
                 * most
                 * np.where(np.isfinite(what.period), what.period, 10.0)
             )
-            truth = [
-                np.array(v)
-                for v in zip(
-                    *pool.map(
-                        true_top, list(zip(moments, weight, l, q, t, strict=True)), chunksize=10
-                    ),
-                    strict=True,
-                )
-            ]
+            jobs = list(zip(moments, weight, l, q, t, strict=True))
+            truth = truths(pool.map(true_top, jobs, chunksize=10))
 
             def drift(motion, moments=moments, weight=weight, what=what):
                 w, x, y, z = np.moveaxis(motion.attitude, -1, 0)

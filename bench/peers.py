@@ -70,6 +70,11 @@ class Entry(NamedTuple):
     setting: str
 
 
+def normalised(end):
+    """Return (attitude, momentum) of states (7, n)."""
+    return end[:4] / np.linalg.norm(end[:4], axis=0), end[4:]
+
+
 def ensemble(kind):
     """Return random tops: second moments uniform in (0.2, 1), I = sums of two; omega normal;
     attitude uniform; weight times arm normal in each axis.
@@ -429,11 +434,8 @@ def heyoka_rk4(many, kind, limit, true):
         list(pool.map(share, range(len(steppers))))
         return end
 
-    def read(end):
-        return end[:4] / np.linalg.norm(end[:4], axis=0), end[4:]
-
-    steps = longest(lambda steps: worst(many, read(go(steps)), true), limit)
-    return steps and Entry(lambda: None, lambda _: go(steps), read, f"rk4, {steps} steps")
+    steps = longest(lambda steps: worst(many, normalised(go(steps)), true), limit)
+    return steps and Entry(lambda: None, lambda _: go(steps), normalised, f"rk4, {steps} steps")
 
 
 def heyoka(many, kind, limit, true, saves=False):
@@ -480,11 +482,8 @@ def heyoka(many, kind, limit, true, saves=False):
         list(pool.map(share, range(len(made))))
         return end
 
-    def read(end):
-        return end[:4] / np.linalg.norm(end[:4], axis=0), end[4:]
-
     tolerance, made = limit, None
-    while made is None or worst(many, read(go(made)), true) > limit:
+    while made is None or worst(many, normalised(go(made)), true) > limit:
         tolerance /= 3.0
         made = solvers(tolerance)
         if tolerance < 1e-17:
@@ -493,7 +492,7 @@ def heyoka(many, kind, limit, true, saves=False):
         return Entry(
             lambda: made,
             go,
-            read,
+            normalised,
             f"Taylor order {made[0].order}, tolerance {tolerance:.1e}"
             + (", 101 outputs" if saves else ""),
         )
@@ -558,8 +557,7 @@ def diffrax(many, kind, limit, true):
         return jax.jit(jax.vmap(one))
 
     def read(end):
-        end = np.asarray(end).T
-        return end[:4] / np.linalg.norm(end[:4], axis=0), end[4:]
+        return normalised(np.asarray(end).T)
 
     tolerance, made = limit, None
     while made is None or worst(many, read(made(start, parameters)), true) > limit:
@@ -609,15 +607,14 @@ def scipy_dop853(many, kind, limit, true):
             .reshape(7, MEMBERS)
         )
 
-    def read(end):
-        return end[:4] / np.linalg.norm(end[:4], axis=0), end[4:]
-
     tolerance = limit
-    while worst(many, read(go(tolerance)), true) > limit:
+    while worst(many, normalised(go(tolerance)), true) > limit:
         tolerance /= 10.0
         if tolerance < 3e-14:
             return None
-    return Entry(lambda: None, lambda _: go(tolerance), read, f"DOP853, tolerance {tolerance:.0e}")
+    return Entry(
+        lambda: None, lambda _: go(tolerance), normalised, f"DOP853, tolerance {tolerance:.0e}"
+    )
 
 
 PEERS: dict[str, Any] = {

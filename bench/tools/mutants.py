@@ -111,116 +111,81 @@ def is_compiled(path):
 
 
 def _in_file(tree, text, engine):
+    """Return the places of a file: (kind, line, column, end line, end column, new text)."""
     all_places = []
-
-    def put(kind, node, new):
-        all_places.append(
-            (kind, node.lineno, node.col_offset, node.end_lineno, node.end_col_offset, new)
-        )
 
     def source(node):
         return ast.get_source_segment(text, node)
 
     def visit(node, inside):
         if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
-            if node.name in NO_PHYSICS:
-                return
-            inside = inside or isinstance(node, ast.FunctionDef)
-            for child in node.body:
-                visit(child, inside)
+            if node.name not in NO_PHYSICS:
+                for child in node.body:
+                    visit(child, inside or isinstance(node, ast.FunctionDef))
             return
-        if (
-            isinstance(node, ast.Assign) and not inside
-        ):  # tables of coefficients; not facts of classes, not constants of float32
-            if (
-                not isinstance(node.targets[0], ast.Name)
-                or not node.targets[0].id.isupper()
-                or node.targets[0].id == "SINGLE"
-            ):
+        if isinstance(node, ast.Assign) and not inside:
+            # tables of coefficients; not facts of classes, not constants of float32
+            name = getattr(node.targets[0], "id", "")
+            if not name.isupper() or name == "SINGLE":
                 return
             inside = True
         if inside:
-            if (
-                isinstance(node, ast.BinOp)
-                and isinstance(node.op, (ast.Add, ast.Sub))
-                and not _of_tuples(node)
-            ):
-                sign = "-" if isinstance(node.op, ast.Add) else "+"
-                put("sign", node, f"({source(node.left)} {sign} ({source(node.right)}))")
-            if (
-                isinstance(node, ast.UnaryOp)
-                and isinstance(node.op, ast.USub)
-                and not isinstance(node.operand, ast.Constant)
-            ):
-                put("sign", node, f"({source(node.operand)})")
-            if isinstance(node, ast.Constant) and type(node.value) is float and node.value != 0.0:
-                put("factor", node, f"({source(node)} * 1.01)")
-            if (
-                isinstance(node, ast.Subscript)
-                and isinstance(node.slice, ast.Constant)
-                and node.slice.value in (0, 1, 2)
-            ):
-                put("index", node, f"{source(node.value)}[{(node.slice.value + 1) % 3}]")
-            if (
-                engine
-                and isinstance(node, ast.Compare)
-                and type(node.ops[0]) in OPPOSITE
-                and not _of_length(node)
-            ):
-                put(
-                    "choice",
-                    node,
-                    (
-                        f"({source(node.left)} {OPPOSITE[type(node.ops[0])]} "
-                        f"{source(node.comparators[0])})"
-                    ),
-                )
-            if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.BitAnd, ast.BitOr)):
-                put(
-                    "choice",
-                    node,
-                    (
-                        f"(({source(node.left)}) "
-                        f"{'|' if isinstance(node.op, ast.BitAnd) else '&'} "
-                        f"({source(node.right)}))"
-                    ),
-                )
-            if (
-                isinstance(node, ast.Tuple)
-                and len(node.elts) > 1
-                and all(getattr(x, "value", None) == 0 for x in node.elts)
-            ):
+            span = [getattr(node, name, None) for name in SPAN]
+            all_places.extend((kind, *span, new) for kind, new in _broken(node, source, engine))
+            parts = node.elts if isinstance(node, ast.Tuple) else ()
+            if len(parts) > 1 and all(getattr(x, "value", None) == 0 for x in parts):
                 return  # only its length counts
-            if engine and isinstance(node, ast.Constant) and type(node.value) is int:
-                put("row", node, str(node.value + 1))
-            if engine and isinstance(node, ast.Constant) and node.value in WORDS:
-                put("choice", node, repr(WORDS[node.value]))
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-                args = [source(a) for a in node.args]
-                if node.func.id == "select":
-                    put("choice", node, f"select({args[0]}, {args[2]}, {args[1]})")
-                if node.func.id in ("multiply", "cross") and len(args) == 2:
-                    put("frame", node, f"{node.func.id}({args[1]}, {args[0]})")
-                if node.func.id in ("conjugate", "vertical") and len(args) == 1:
-                    put(
-                        "frame",
-                        node,
-                        args[0]
-                        if node.func.id == "conjugate"
-                        else "vertical(({0}[0], -{0}[1], -{0}[2], -{0}[3]))".format(args[0]),
-                    )
         for child in ast.iter_child_nodes(node):
             if not (isinstance(child, ast.Expr) and isinstance(child.value, ast.Constant)):
                 visit(child, inside)
 
     for node in tree.body:
-        visit(
-            node,
-            engine
-            and isinstance(node, (ast.For, ast.Expr))
-            and not isinstance(getattr(node, "value", None), ast.Constant),
-        )
+        is_text = isinstance(getattr(node, "value", None), ast.Constant)
+        visit(node, engine and isinstance(node, (ast.For, ast.Expr)) and not is_text)
     return all_places
+
+
+SPAN = ("lineno", "col_offset", "end_lineno", "end_col_offset")
+
+
+def _broken(node, source, engine):
+    """Yield (kind, new text) for each way to break a node of a function."""
+    value = getattr(node, "value", None) if isinstance(node, ast.Constant) else None
+    if isinstance(node, ast.BinOp):
+        left, right = source(node.left), source(node.right)
+        if isinstance(node.op, (ast.Add, ast.Sub)) and not _of_tuples(node):
+            yield "sign", f"({left} {'-' if isinstance(node.op, ast.Add) else '+'} ({right}))"
+        if isinstance(node.op, (ast.BitAnd, ast.BitOr)):
+            yield (
+                "choice",
+                f"(({left}) {'|' if isinstance(node.op, ast.BitAnd) else '&'} ({right}))",
+            )
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        if not isinstance(node.operand, ast.Constant):
+            yield "sign", f"({source(node.operand)})"
+    elif isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
+        if node.slice.value in (0, 1, 2):
+            yield "index", f"{source(node.value)}[{(node.slice.value + 1) % 3}]"
+    elif isinstance(node, ast.Compare):
+        if engine and type(node.ops[0]) in OPPOSITE and not _of_length(node):
+            opposite = OPPOSITE[type(node.ops[0])]
+            yield "choice", f"({source(node.left)} {opposite} {source(node.comparators[0])})"
+    elif type(value) is float and value != 0.0:
+        yield "factor", f"({source(node)} * 1.01)"
+    elif engine and type(value) is int:
+        yield "row", str(value + 1)
+    elif engine and value in WORDS:
+        yield "choice", repr(WORDS[value])
+    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        name, args = node.func.id, [source(a) for a in node.args]
+        if name == "select":
+            yield "choice", f"select({args[0]}, {args[2]}, {args[1]})"
+        if name in ("multiply", "cross") and len(args) == 2:
+            yield "frame", f"{name}({args[1]}, {args[0]})"
+        if name == "conjugate" and len(args) == 1:
+            yield "frame", args[0]
+        if name == "vertical" and len(args) == 1:
+            yield "frame", "vertical(({0}[0], -{0}[1], -{0}[2], -{0}[3]))".format(args[0])
 
 
 def _of_tuples(node):
@@ -290,22 +255,12 @@ def judged(place):
     """Judge one mutant, or the unchanged package if place is None: {"killed": by which, ...}."""
     with tempfile.TemporaryDirectory(prefix="rigidmc-mutant-") as folder:
         before, after = broken(place, folder)
-        row = (
-            {}
-            if place is None
-            else {
-                "file": place[0],
-                "line": place[2],
-                "kind": place[1],
-                "before": before,
-                "after": after,
-            }
-        )
-        env = {
-            **os.environ,
-            "PYTHONPATH": folder,
-            "RIGIDMC_CACHE_DIR": os.path.join(folder, "cache"),
-        }
+        row = {}
+        if place is not None:
+            row = dict(zip(("file", "kind", "line"), place, strict=False))
+            row |= {"before": before, "after": after}
+        cache = os.path.join(folder, "cache")
+        env = {**os.environ, "PYTHONPATH": folder, "RIGIDMC_CACHE_DIR": cache}
         began = time.perf_counter()
         plain, killed = {**env, "NUMBA_DISABLE_JIT": "1"}, None
         if place is None or not is_compiled(place[0]):

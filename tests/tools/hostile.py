@@ -139,24 +139,8 @@ def restructured(some, data):
         elif what == "many" and isinstance(old, dict):
             table[key] = [old] * some.choice((2, 500))
         elif what == "added" and isinstance(table, dict):
-            table[
-                some.choice(
-                    (
-                        "extra",
-                        "members",
-                        "first",
-                        "points",
-                        "strata",
-                        "digits",
-                        "keep",
-                        "seed",
-                        "tolerance",
-                        "turn",
-                        "module",
-                        "x" * 500,
-                    )
-                )
-            ] = odd(some)
+            known = "extra members first points strata digits keep seed tolerance turn module"
+            table[some.choice((*known.split(), "x" * 500))] = odd(some)
     return data
 
 
