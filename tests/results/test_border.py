@@ -337,7 +337,8 @@ def test_a_part_of_a_process_that_does_not_exist_is_deleted(directory):
     assert invoke("resume", directory.path).exit_code == 0 and not part.exists()
 
 
-def test_a_pipe_in_place_of_a_file_is_not_waited_for(result, directory, tmp_path):
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(result, tmp_path):
+    """tests/files/test_opening.py has those in run directories."""
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     for name in ("p.nc", "p.toml", "p.csv", "p.stl"):
@@ -363,11 +364,6 @@ def test_a_pipe_in_place_of_a_file_is_not_waited_for(result, directory, tmp_path
             assert done.exit_code == 3 and "is a pipe" in done.stderr, (words, done.output)
         with pytest.raises(FileError, match="is a pipe"):
             load_bounds(str(pipe))
-        for name, code in (("journal.jsonl", 0), ("scene.toml", 3), ("run.json", 3)):
-            place = pathlib.Path(directory.path) / name
-            place.unlink(missing_ok=True)
-            place.symlink_to(pipe)
-            assert invoke("resume", directory.path).exit_code == code, name
         refuse_unreadable(result)
 
 

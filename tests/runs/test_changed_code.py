@@ -11,6 +11,7 @@ from rigidmc.errors import FileError, PartError
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.facts import facts_text
 from rigidmc.runs.directory.load import scene_of_run
+from tests.tools.commands import invoke
 
 MINE = """
 import functools
@@ -22,6 +23,8 @@ import numpy as np
 
 import rigidmc as rm
 from rigidmc.protocols import VectorDistribution, event, observable, sample
+
+from strength import HALF
 
 GAIN = float(Path(__file__).with_name("gain.txt").read_text())
 TABLE, LISTED, NAMED = GAIN * np.ones(2), [1.0, GAIN], {"a": (GAIN,)}
@@ -81,6 +84,7 @@ READS = {  # how code reads what the file `gain.txt` has, and how the message na
 def scene_file(tmp_path):
     def written(reads, gain=1.0):
         (tmp_path / "mine.py").write_text(MINE.replace("READS", reads))
+        (tmp_path / "strength.py").write_text("HALF = 0.5\n")
         (tmp_path / "gain.txt").write_text(str(gain))
         (tmp_path / "scene.toml").write_text(SCENE)
         return str(tmp_path / "scene.toml")
@@ -123,6 +127,22 @@ def test_a_prepared_run_refuses_code_that_has_changed(scene_file, tmp_path):
         run.compile()
     names["GAIN"] = 1.0
     assert run.run().sizes["member"] == 4
+
+
+def test_commands_refuse_another_file(scene_file, tmp_path):
+    """Also a file beside it, of which it takes a number alone."""
+    run = f"{tmp_path}/run/"
+    assert invoke("run", scene_file("HALF"), "--allow-code", "-o", run).exit_code == 0
+    assert invoke("extend", run, "--members", "8", "--allow-code").exit_code == 0
+    for name in ("mine.py", "strength.py"):
+        file = tmp_path / name
+        text = file.read_text()
+        file.write_text(f"{text}# changed\n")
+        made = invoke("extend", run, "--members", "12", "--allow-code")
+        assert made.exit_code == 3 and "is not the file" in made.stderr and name in made.stderr
+        file.write_text(text)
+    file.unlink()
+    assert invoke("resume", run).exit_code == 3
 
 
 class Opaque:

@@ -713,38 +713,6 @@ def test_nothing_saved_over_time_and_notes(tmp_path):
     assert rm.open(directory.path).omega_max.shape == (3, MEMBERS)
 
 
-def test_user_code_must_stay_that_of_the_start(tmp_path):
-    """Also that of a file beside it, of which it takes a number alone."""
-    module, beside = tmp_path / "wind.py", tmp_path / "strength.py"
-    text = (
-        "from typing import NamedTuple\nfrom strength import HALF\n\n\n"
-        "class Wind(NamedTuple):\n    size: float\n\n"
-        "    def torque(self, t, l):\n        return HALF * self.size, 0.0, 0.0\n"
-    )
-    module.write_text(text)
-    beside.write_text("HALF = 0.5\n")
-    (tmp_path / "wind.toml").write_text(
-        '[body]\nmoments = [1.0, 2.0, 3.0]\n[effects.Wind]\nmodule = "wind.py"\nsize = '
-        "0.1\n[start]\nomega = [0.0, 1.0, 0.0]\n[run]\nmembers = 100\n"
-    )
-    assert (
-        invoke("run", f"{tmp_path}/wind.toml", "--allow-code", "-o", f"{tmp_path}/run/").exit_code
-        == 0
-    )
-    assert invoke("extend", f"{tmp_path}/run", "--members", "200", "--allow-code").exit_code == 0
-    for file, other in (
-        (module, text.replace("HALF * self.size,", "2.0 * self.size,")),
-        (beside, "HALF = 1.0\n"),
-    ):
-        was = file.read_text()
-        file.write_text(other)
-        made = invoke("extend", f"{tmp_path}/run", "--members", "300", "--allow-code")
-        assert made.exit_code == 3 and "is not the file" in made.stderr and file.name in made.stderr
-        file.write_text(was)
-    beside.unlink()
-    assert invoke("resume", f"{tmp_path}/run").exit_code == 3
-
-
 def test_commands(tmp_path):
     run = f"{tmp_path}/run/"
     few = "tennis_racket --members 20000 --save omega"
