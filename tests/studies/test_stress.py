@@ -109,6 +109,16 @@ def test_errors_are_seen():
     assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 1e-4), 1).error("exact", 1.0) > 1e-3
 
 
+def test_an_integrator_without_bounds_has_those_of_its_kind():
+    """A splitting of the same order is exact for a free body, which a Runge-Kutta method is not."""
+    case = next(case for case in cases() if case.name == "needle")
+    splitting = {(case.name, "suzuki4"): (3e-14, 1e-14)}
+    others = {(case.name, "cf4"): (2e-9, 1e-9), (case.name, "ck45"): (1e-9, 1e-9)}
+    assert H.bound_of(case, "rk4", splitting | others) == (2e-9, 1e-9)
+    assert H.bound_of(case, "rk4", splitting)[0] == math.inf
+    assert H.bound_of(case, "srkn6", splitting | others) == (3e-14, 1e-14)
+
+
 def test_a_study_reports_cases_above_their_bound(tmp_path):
     """One bound at a tenth: the right row, and no other, is above it."""
     names = ["exact", "closed"]

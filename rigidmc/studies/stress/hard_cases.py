@@ -87,7 +87,8 @@ def bound_of(
     """Return (bound, measured) for a case and an integrator.
 
     The bound is the first available of: the user's bound, a bound set by mathematics, the shipped
-    bound, the worst shipped bound of an integrator of the same order. inf and nan if there is none.
+    bound, the worst shipped bound of an integrator of the same kind and order. inf and nan if there
+    is none. A splitting moves a free body exactly, with bounds that no other kind can keep.
     """
     bound, measured = limits.get((case.name, integrator), (None, math.nan))
     asked = case.asked_of(integrator)
@@ -95,11 +96,14 @@ def bound_of(
         return bound, measured
     if asked is not None:
         return asked, measured
-    order = INTEGRATORS[integrator].order
+
+    def kind(name: str) -> tuple[float, bool]:
+        return INTEGRATORS[name].order, INTEGRATORS[name].is_splitting
+
     alike = [
         pair
         for (name, other), pair in limits.items()
-        if name == case.name and INTEGRATORS[other].order == order
+        if name == case.name and kind(other) == kind(integrator)
     ]
     return max(alike, default=(math.inf, math.nan))
 
