@@ -150,7 +150,7 @@ def test_what_cannot_be_studied(monkeypatch):
     monkeypatch.setattr(
         accuracy, "make_reference", lambda first: pytest.fail("the truth takes seconds")
     )
-    with pytest.raises(rm.OptionError, match="no such integrator; known: rk4, rk8"):
+    with pytest.raises(rm.OptionError, match=r"no such integrator; known: rk4, .*rk8"):
         rm.accuracy(SCENE, ("rk5",))
     damped = rm.Scene(SCENE.body, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), TILTED).with_run(
         t_end=1.0

@@ -27,7 +27,9 @@ __all__ = [
 ]  # fmt: skip
 
 # Each file has a dict INTEGRATORS of its integrators. Lists and legends use this order.
-_FILES = ("rk4", "rk8", "gbs12", "lie", "midpoint", "compositions", "free_motion", "closed_form")
+_FILES = (
+    "rk4", "rk8", "gbs12", "lie", "midpoint", "compositions", "free_motion", "closed_form",
+)  # fmt: skip
 INTEGRATORS: dict[str, Integrator] = {
     name: with_defaults(integrator)
     for file in _FILES
