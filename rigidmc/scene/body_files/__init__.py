@@ -1,8 +1,8 @@
 """Readers of files that describe a body, behind `Body.read` and `rigidmc body FILE`.
 
-Each returns a `rigid_parts.FoundBody`: mass, centre of mass and tensor in the axes of a link or
-drawing, about its origin, with notes on what was assumed. Files of others execute nothing, include
-no other file and have bounded sizes.
+Each returns a `rigid_parts.FoundBody`: mass, centre of mass and the tensor about this centre, in
+the axes of a link or drawing, with notes on what was assumed. Files of others execute nothing,
+include no other file and have bounded sizes.
 
 `urdf` and `mjcf` read robot descriptions, through `xml_tree`; `cad_text`, `cad_units` and
 `cad_signs` read the mass properties that CAD programs show; `mesh_units` guesses the unit of a

@@ -19,6 +19,7 @@ import psutil
 import pytest
 
 from rigidmc.files import trial
+from rigidmc.scene.body_files import SUFFIXES
 from tests.scene.body_files.test_cad_text import particles, solidworks
 from tests.scene.body_files.test_robots import joint, link, mjcf, robot
 from tests.tools.commands import invoke
@@ -76,7 +77,7 @@ def large(some, ending):
             )
         )
         return mjcf(inside, "<compiler/>" * some.choice((0, n)))
-    lines = GOOD[".txt"].split("\n")
+    lines = GOOD[ending].split("\n")
     at = some.randrange(len(lines))
     return "\n".join(lines[:at] + lines[at : at + 1] * n + lines[at:])
 
@@ -203,6 +204,11 @@ def warm(tmp_path_factory):
         path.write_text(text)
         invoke("body", path)
     assert trial._idle
+
+
+def test_every_format_has_a_file_to_damage():
+    read_as_others = {".mjcf", ".xacro"}  # as .xml and .urdf
+    assert {*SUFFIXES} - read_as_others == {*GOOD, *MESHES}, "add a good file to GOOD"
 
 
 def test_hostile_bodies_are_read_or_refused(tmp_path):
