@@ -220,7 +220,8 @@ def test_the_energy_of_splittings_is_bounded_over_ten_million_steps(name):
 def test_every_integrator_has_its_own_style():
     assert list(STYLES) == list(INTEGRATORS)
     assert len(set(STYLES.values())) == len(INTEGRATORS)
-    assert len({style[1] for style in STYLES.values()}) == len(INTEGRATORS)  # also in grey
+    markers = {style[1] for style in STYLES.values()}  # also in grey
+    assert len(markers) == len(INTEGRATORS), "add to MARKERS of rigidmc/views/figures.py"
 
 
 def test_pictures(study, drifts, tmp_path):

@@ -112,7 +112,7 @@ def test_a_result_gives_what_the_scene_gives(name, studied, here):
     old = {one.name for one in options_of(study.options) if not one.is_new}
     asked = {key: value for key, value in study.example.options.items() if key in old}
     with rm.open("members.nc") as result:
-        assert study.of(result, **asked).identical(studied(name))
+        xr.testing.assert_identical(study.of(result, **asked), studied(name))
     assert "no such" not in done(name, "members.nc", *words_of(name, stored=True))
     if new := [one for one in options_of(study.options) if one.is_new]:
         words = f"--{new[0].name}", study.example.options[new[0].name]

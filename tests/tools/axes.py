@@ -27,7 +27,7 @@ def faults(figure):
         *(f"no label: {texts}" for texts in _unlabelled(figure)),
         *(f"cut: {text!r}" for text in _cut(figure)),
         *(f"raw name: {text!r}" for text in _words(figure) if _RAW.search(text)),
-        *(f"no unit: {text!r}" for text in _without_unit(figure)),
+        *(f"no unit: {text!r} (or add to _PURE)" for text in _without_unit(figure)),
         *(f"legend has another colour: {text!r}" for text in _other_colours(figure)),
     ]
 

@@ -69,7 +69,7 @@ def test_every_public_thing_is_asked():
     seen = {name for kind in KINDS for name in observed(units.scene(kind, 1), 1.0)[1]}
     observables = {"".join(map(str.title, word.split("_"))) for word in (*seen, "histogram")}
     known = functions | CLOSED_FORMS | SCENES | DRAWN | NO_NUMBERS | effects | observables
-    assert set(rm.__all__) - known == set()
+    assert set(rm.__all__) - known == set(), "add a function to `asked` of tests/tools/units.py"
     assert {*OBSERVABLES} - seen == {"histogram"}
     methods = {name for name in dir(Rigid) if not name.startswith("_")}
     assert methods == METHODS | NO_METHODS
