@@ -1,7 +1,7 @@
 """Maps and large studies: time, memory and agreement with theory of every map.
 
-Also ten million tops with flip statistics, costs of monitored quantities, low-discrepancy points,
-and coverage of intervals. Each map runs as for a user: from the shell, with nothing compiled.
+Also ten million tops with flip statistics, costs of monitored quantities, and low-discrepancy
+points. Each map runs as for a user: from the shell, with nothing compiled.
 """
 
 import json
@@ -17,7 +17,6 @@ import xarray as xr
 import rigidmc as rm
 from bench import harness, startup
 from bench.memory import peak
-from rigidmc.statistics.intervals import mean, probability
 from rigidmc.studies.stability_map.cases import MAPS
 
 SIDES = {"intermediate_axis": 512}
@@ -126,32 +125,6 @@ def fill(members):
     }
 
 
-def coverage(studies):
-    """Return {interval: fraction of small studies whose 95 % interval contains the truth}, for the
-    fraction of members that flip and for their waiting time.
-    """
-    start = rm.Start(omega=rm.Cone(2, 1.0, rm.uniform(0.0, 0.3)))
-    scene = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.4)), start=start).with_run(
-        integrator="rk8", dt=0.6, t_end=12.0, save=("flips",)
-    )
-    size = 200
-    first = rm.simulate(scene, members=studies * size).flip_first.values.reshape(studies, size)
-    many = rm.simulate(
-        scene, members=range(studies * size, studies * size + 2_000_000)
-    ).flip_first.values
-    true, wait = np.isfinite(many).mean(), np.nanmean(many)
-    flips = np.isfinite(first).sum(1)
-    intervals = {
-        "probability, Wilson": probability(flips, size),
-        "probability, Clopper-Pearson": probability(flips, size, method="clopper-pearson"),
-    }
-    held = {
-        word: float(((i.low <= true) & (true <= i.high)).mean()) for word, i in intervals.items()
-    }
-    of_mean = mean(first)
-    return {**held, "mean, Student": float(((of_mean.low <= wait) & (wait <= of_mean.high)).mean())}
-
-
 def run(quick):
     """Return all rows of the bench."""
     rows = []
@@ -217,15 +190,6 @@ def run(quick):
             off["independent"] / off["sobol"],
         )
     )
-    for word, share in coverage(200 if quick else 2000).items():
-        rows.append({"kind": "coverage", "interval": word, "share": share})
-        rows.append(
-            harness.at_most(
-                f"95 % interval of a {word}: distance of its coverage from 95 %",
-                0.02,
-                abs(share - 0.95),
-            )
-        )
     return rows
 
 
@@ -248,7 +212,6 @@ def report(rows):
         " {what}, {scene} | bare {bare:.2f} | with it {ns:.2f} | ratio {ratio:.3f} |",
         ratio=lambda r: r["ns"] / r["bare"],
     )
-    points, held = (harness.of_kind(rows, kind) for kind in ("points", "coverage"))
+    points = harness.of_kind(rows, "points")
     harness.show("error of the mean, 2^16 members", points, " {points} | rms {error:.2e} |")
-    harness.show("intervals of 95 %", held, " {interval} | held the truth {share:.4f} |")
     harness.report_targets(rows)
