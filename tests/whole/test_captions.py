@@ -296,7 +296,7 @@ FACTS = {
     "A heavy top draws cusps": (["stands still at each cusp"], cusps),
     "The closed form of a heavy top": (
         ["by elliptic functions"],
-        "tests/mechanics/test_lagrange_top.py::test_random_tops_and_weights_below",
+        "tests/mechanics/test_lagrange_top.py::test_starts_anywhere_weights_below_and_far_times",
     ),
     "A heavy top in phase space": (["each top returns to the start"], closed_portrait),
     "The ellipsoid that rolls without slipping": (["touches the invariable plane"], rolling),
