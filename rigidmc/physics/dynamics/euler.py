@@ -88,12 +88,6 @@ def scaled(body, h):
     return Rates(w1, w2, w3, h * body.a1, h * body.a2, h * body.a3)
 
 
-def double_rates(rates):
-    """Return the Rates over 2h, by additions."""
-    r = rates
-    return Rates(r.w1 + r.w1, r.w2 + r.w2, r.w3 + r.w3, r.a1 + r.a1, r.a2 + r.a2, r.a3 + r.a3)
-
-
 def half_rotation(rates, l):
     """Return h omega/2, half the rotation vector over a time h."""
     return rates.w1 * l[0], rates.w2 * l[1], rates.w3 * l[2]

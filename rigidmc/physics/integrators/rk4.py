@@ -4,13 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigidmc.physics.dynamics.euler import (
-    add_free_change,
-    angular_velocity,
-    double_rates,
-    half_rotation,
-    scaled,
-)
+from rigidmc.physics.dynamics.euler import angular_velocity, scaled
 from rigidmc.physics.dynamics.so3 import (
     add,
     add4,
@@ -29,30 +23,11 @@ from rigidmc.physics.dynamics.so3 import (
     select,
     value_of,
 )
-from rigidmc.physics.effects.sums import add_torques, add_work, push, state_rates
+from rigidmc.physics.effects.sums import add_torques, add_work, state_rates
 from rigidmc.physics.integrators.protocol import StepScheme
 from rigidmc.physics.integrators.rk8 import linear_combination, rates_at_stage
 
 _START = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-
-
-def compensated_step(body, effects, t, h, state, momentum):
-    """Make a step from the changes at the stages alone.
-
-    Stages are rounded to the last digit of q, and so would be changes computed from stages.
-    """
-    # Stages start from the value without its remainder, which is below the last digit of a stage.
-    start, rates = (value_of(state), value_of(momentum)), scaled(body, h)
-    fixed = start, rates, effects, body, t, h
-    k1 = state_rates(rates, effects, body, t, h, start[0], start[1])
-    k2 = rates_at_stage(fixed, 0.5, (0.5,), (k1,))
-    k3 = rates_at_stage(fixed, 0.5, (0.5,), (k2,))
-    k4 = rates_at_stage(fixed, 1.0, (1.0,), (k3,))
-    # Changes are summed from 0: added to q stage by stage, they would be rounded to its last digit.
-    dq, dl = linear_combination(
-        _START, (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0), (k1, k2, k3, k4)
-    )
-    return add_compensated4(state, dq), add_compensated(momentum, dl)
 
 
 class RK4(NamedTuple):
@@ -82,25 +57,22 @@ class RK4(NamedTuple):
         return StepScheme(ScaledRK4(), np.array([(1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0)]))
 
     def step(self, body, effects, t, h, q, l):
-        # Rates are scaled by h/2 once, the stages x, y, z use fused multiply-adds, and the stages
-        # themselves are summed: 3 q(t + h) = x + 2 y + z - q + (rate at z).
-        if len(q) == 2:  # pairs (value, remainder)
-            return compensated_step(body, effects, t, h, q, l)
-        half = scaled(body, 0.5 * h)
-        x = advance_attitude(q, q, half_rotation(half, l))
-        lx = push(effects, body, t, 0.5 * h, q, l, add_free_change(half, l, l))
-        y = advance_attitude(q, x, half_rotation(half, lx))
-        ly = push(effects, body, t + 0.5 * h, 0.5 * h, x, lx, add_free_change(half, l, lx))
-        wy = half_rotation(half, ly)
-        z = advance_attitude(q, y, add(wy, wy))
-        lz = push(effects, body, t + 0.5 * h, h, y, ly, add_free_change(double_rates(half), l, ly))
-        # l is summed from small differences, so conserved quantities are right to the last digit
-        dl = axpy(add(difference(lx, l), difference(lz, l)), 2.0, difference(ly, l))
-        dl = push(effects, body, t + h, 0.5 * h, z, lz, add_free_change(half, dl, lz))
-        l = axpy(l, 1.0 / 3.0, dl)
-        return divide_by_three(
-            advance_attitude(axpy4(add4(difference4(x, q), z), 2.0, y), z, half_rotation(half, lz))
-        ), l
+        """Step pairs (value, remainder), by the changes at the stages alone.
+
+        Stages are rounded to the last digit of q, and so would be changes computed from stages.
+        """
+        # Stages start from the value without its remainder, below the last digit of a stage.
+        start, rates = (value_of(q), value_of(l)), scaled(body, h)
+        fixed = start, rates, effects, body, t, h
+        k1 = state_rates(rates, effects, body, t, h, start[0], start[1])
+        k2 = rates_at_stage(fixed, 0.5, (0.5,), (k1,))
+        k3 = rates_at_stage(fixed, 0.5, (0.5,), (k2,))
+        k4 = rates_at_stage(fixed, 1.0, (1.0,), (k3,))
+        # Changes are summed from 0: added to q one by one, they would be rounded to its last digit.
+        dq, dl = linear_combination(
+            _START, (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0), (k1, k2, k3, k4)
+        )
+        return add_compensated4(q, dq), add_compensated(l, dl)
 
 
 class ScaledRK4(NamedTuple):
