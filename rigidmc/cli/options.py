@@ -18,8 +18,9 @@ from rigidmc.scene.save_times import read_every
 from rigidmc.scene.settings import Angle, Count, Digits, Every, Index, Rate, Run, Time, types
 
 
-def _checked(key: str, read: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Return a parser for an option's text; a RigidmcError ends the command with its message."""
+def _option(key: str, metavar: str, read: Callable[[str], Any], **option: Any) -> Any:
+    """Return an option whose text `read` parses; a RigidmcError ends the command with its
+    message."""
 
     def parser(text: str) -> Any:
         try:
@@ -27,35 +28,17 @@ def _checked(key: str, read: Callable[[str], Any]) -> Callable[[str], Any]:
         except RigidmcError as error:
             return fail(error.text(key), INVALID)
 
-    return parser
+    return typer.Option(key, parser=parser, metavar=metavar, **option)
 
 
 def count_option(key: str, least: int = 1, most: int | None = None, **option: Any) -> Any:
     """Return an option for a whole number, also written 1e6."""
-
-    def read(text: str) -> int:
-        return read_count_text(text, key[2:], least, most)
-
-    return typer.Option(key, parser=_checked(key, read), metavar="N", **option)
+    return _option(key, "N", lambda text: read_count_text(text, key[2:], least, most), **option)
 
 
 def time_option(key: str, positive: bool = True, **option: Any) -> Any:
     """Return an option for a time: seconds, or 90s, 1h30m, 250ms."""
-
-    def read(text: str) -> float:
-        return read_seconds(text, key[2:], positive=positive)
-
-    return typer.Option(key, parser=_checked(key, read), metavar="TIME", **option)
-
-
-def _every_option(key: str, **option: Any) -> Any:
-    """Return an option for save times: 0.1s, 50/turn, or 0,0.5,2, of which its help text names
-    those that the command takes."""
-
-    def read(text: str) -> Any:
-        return read_every(text, key[2:], OptionError)
-
-    return typer.Option(key, parser=_checked(key, read), metavar="TIME", **option)
+    return _option(key, "TIME", lambda text: read_seconds(text, key[2:], positive), **option)
 
 
 def _number_option(key: str, units: str, **option: Any) -> Any:
@@ -72,7 +55,7 @@ def _number_option(key: str, units: str, **option: Any) -> Any:
             raise OptionError(rule, at=key[2:], value=text)
         return float(number)
 
-    return typer.Option(key, parser=_checked(key, read), metavar="FLOAT", **option)
+    return _option(key, "FLOAT", read, **option)
 
 
 def _device(word: str) -> str:
@@ -142,7 +125,8 @@ def setting(name: str, words: str | None = None) -> Any:
     if kind == Time:
         return Annotated[Any, time_option(key, **text)]
     if kind == Every:
-        return Annotated[Any, _every_option(key, **text)]
+        read = functools.partial(read_every, at=name, error=OptionError)
+        return Annotated[Any, _option(key, "TIME", read, **text)]
     if kind in (Count, Index, Digits):
         return Annotated[Any, count_option(key, 0 if kind == Index else 1, **text)]
     if kind in (Angle, Rate):

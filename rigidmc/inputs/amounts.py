@@ -55,21 +55,19 @@ def parse_seconds(value: Any, positive: bool = True) -> float:
     return number
 
 
-def read_seconds(
-    value: Any, at: str, positive: bool = True, error: type[RigidmcError] = OptionError
-) -> float:
-    """Return the time [s] given by an argument named `at`; raises `error`."""
-    with _argument(value, at, error):
+def read_seconds(value: Any, at: str, positive: bool = True) -> float:
+    """Return the time [s] given by an argument named `at`; OptionError."""
+    with _argument(value, at):
         return parse_seconds(value, positive)
 
 
 @contextlib.contextmanager
-def _argument(value: Any, at: str, error: type[RigidmcError] = OptionError) -> Iterator[None]:
-    """Add place and value to a ValueError, which contains only a rule."""
+def _argument(value: Any, at: str) -> Iterator[None]:
+    """Turn a ValueError, which contains only a rule, into an OptionError with place and value."""
     try:
         yield
     except ValueError as wrong:
-        raise error(str(wrong), at=at, value=value) from None
+        raise OptionError(str(wrong), at=at, value=value) from None
 
 
 def _seconds_of(text: str) -> float:

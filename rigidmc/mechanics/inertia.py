@@ -19,13 +19,13 @@ from rigidmc.mechanics.axes_rates import axes_rates
 from rigidmc.physics.dynamics.dual_arrays import DualArray, as_array
 from rigidmc.physics.dynamics.principal_axes import Principal
 
+SIX = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))  # xx, yy, zz, yz, zx, xy of a tensor
 SLACK = 1e-12  # relative: a flat plate obeys I3 = I1 + I2 only to rounding
-_SIX = ([0, 1, 2, 1, 2, 0], [0, 1, 2, 2, 0, 1])  # xx, yy, zz, yz, zx, xy
 
 
 def elements(tensor: Any) -> tuple[Any, ...]:
     """Return xx, yy, zz, yz, zx, xy of a symmetric tensor given by its rows."""
-    return tuple(tensor[i][j] for i, j in zip(*_SIX, strict=True))
+    return tuple(tensor[i][j] for i, j in SIX)
 
 
 def symmetric(six: Any) -> Array:
@@ -187,7 +187,7 @@ def principal_axes(tensor: ArrayLike) -> tuple[Array, Array]:
     )
     check_rows(bad & ~infinite, rule)
     symmetric = 0.5 * (flat + np.swapaxes(flat, 1, 2))
-    values = _principal(symmetric[:, _SIX[0], _SIX[1]])
+    values = _principal(symmetric[:, *np.transpose(SIX)])
     values[:, bad] = np.nan
     moments = values[:3]
     # particles on a line along no coordinate axis leave a moment of +-6e-17 of the others
@@ -350,4 +350,4 @@ def tensors_into(turn: Array, six: Any) -> Array:
     rows = (xx, xy, zx), (xy, yy, yz), (zx, yz, zz)
     half = [vectors_into(turn, row) for row in rows]  # (C turn)[row][i]
     turned = [vectors_into(turn, [row[i] for row in half]) for i in range(3)]
-    return np.stack([turned[j][i] for i, j in ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))])
+    return np.stack([turned[j][i] for i, j in SIX])

@@ -19,11 +19,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from rigidmc.inputs.arrays import Array
+from rigidmc.mechanics.inertia import SIX
 from rigidmc.physics.dynamics.dual_arrays import DualArray, square_root
 from rigidmc.physics.dynamics.functions import exponential_of, logarithm_of
-
-PARAMETERS = 10
-_SECOND = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))  # xx, yy, zz, yz, zx, xy
 
 
 def numbers_of(parameters: Sequence[float]) -> list[float]:
@@ -43,7 +41,7 @@ def rates_of(parameters: Sequence[float], change: Sequence[float]) -> list[float
     gain, move, moved = change[9] / mass, change[6:9], _second(change)
     xx, yy, zz, yz, zx, xy = (
         (r - s * gain) / mass - move[i] * c[j] - c[i] * move[j]
-        for r, s, (i, j) in zip(moved, second, _SECOND, strict=True)
+        for r, s, (i, j) in zip(moved, second, SIX, strict=True)
     )
     r33 = 0.5 * zz / n33
     r23, r13 = (yz - n23 * r33) / n33, (zx - n13 * r33) / n33
@@ -57,7 +55,7 @@ def _triangle(parameters: Sequence[float]) -> tuple[float, ...]:
     """Return (N11, N22, N33, N23, N13, N12) of a body; ValueError if it cannot exist."""
     mass, c = parameters[9], parameters[6:9]
     xx, yy, zz, yz, zx, xy = (
-        s / mass - c[i] * c[j] for s, (i, j) in zip(_second(parameters), _SECOND, strict=True)
+        s / mass - c[i] * c[j] for s, (i, j) in zip(_second(parameters), SIX, strict=True)
     )
     n33 = square_root(zz)
     n23, n13 = yz / n33, zx / n33

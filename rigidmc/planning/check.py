@@ -70,7 +70,9 @@ def check_scene(scene: Scene, recording: Recording) -> None:
         )
         if refused:
             raise SceneError(refused, at="run.integrator", value=run.integrator)
-    _check_monitored(run, recording)
+    if rule := _not_monitored(run, recording):
+        labels = ", ".join(label for label, _ in recording.monitored)
+        raise SceneError(rule, at="run.save", value=labels)
     _check_points(model, run)
     model = model.coarse()
     _check_variables(run, recording)
@@ -267,14 +269,6 @@ def _check_variables(run: Run, recording: Recording) -> None:
                 rule = f"gives the variable '{name}', which the result already has: rename it"
                 raise PartError.of(kind, rule, "observables")
             taken.add(name)
-
-
-def _check_monitored(run: Run, recording: Recording) -> None:
-    """Raise SceneError for observables over all steps that conflict with the run settings."""
-    rule = _not_monitored(run, recording)
-    if rule:
-        labels = ", ".join(label for label, _ in recording.monitored)
-        raise SceneError(rule, at="run.save", value=labels)
 
 
 def _not_monitored(run: Run, recording: Recording) -> str:

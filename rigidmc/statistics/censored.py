@@ -95,17 +95,14 @@ def ends_of(dataset: Columns) -> Array:
     if FOLLOWED in dataset:
         ends = np.array(dataset[FOLLOWED].values, float)
     if (unknown := good & np.isnan(ends)).any():  # a result of an earlier version
-        ends[unknown] = _t_end(dataset)
+        result: Any = dataset
+        is_told = "t_end" in result.attrs
+        run = result.attrs if is_told else toml(scene_text(result))["run"]
+        ends[unknown] = float(run["t_end"])
     if "status_time" in dataset:
         flagged = dataset["status_time"].values
         ends = np.where(good, ends, np.minimum(np.where(np.isnan(ends), np.inf, ends), flagged))
     return ends
-
-
-def _t_end(dataset: Any) -> float:
-    if "t_end" in dataset.attrs:
-        return float(dataset.attrs["t_end"])
-    return float(toml(scene_text(dataset))["run"]["t_end"])
 
 
 def is_censored(times: Array) -> NDArray[np.bool_]:

@@ -47,7 +47,8 @@ class Quadric(NamedTuple):
     def is_seen(self, u: Vectors) -> NDArray[np.bool_]:
         """Return whether the reader sees the points of directions u (..., 3), which are not behind
         the surface."""
-        seen: NDArray[np.bool_] = _facing(self, u) >= 0.0
+        to_eye = (u @ self.turn.T) * (EYE * TOWARD - self.points(u))  # along the normals
+        seen: NDArray[np.bool_] = to_eye.sum(-1) >= 0.0
         return seen
 
     def outline(self) -> Vectors:
@@ -62,12 +63,6 @@ class Quadric(NamedTuple):
             sine = ((u @ self.turn.T) * self.points(u)).sum(-1, keepdims=True) / EYE
             u = np.sqrt(1.0 - sine * sine) * across + sine * toward
         return u
-
-
-def _facing(on: Quadric, u: Vectors) -> Vectors:
-    """Return the components of the lines to the eye along the normals u (...,)."""
-    facing: Vectors = ((u @ on.turn.T) * (EYE * TOWARD - on.points(u))).sum(-1)
-    return facing
 
 
 SPHERE = Quadric()

@@ -43,7 +43,6 @@ from rigidmc.physics.observables.statistics import STATISTICS
 
 WORDS = ("none", "final", "summary", "thinned", "full")
 Keep = str | Mapping[str, str]  # one word for all observables, or {name: word}
-Values = dict[str, NDArray[Any]]
 
 
 def owners_of_variables(given: Iterable[Any] = ()) -> dict[str, str]:

@@ -83,12 +83,12 @@ def _csv(path: str, file: str) -> dict[str, Any]:
     return {
         name: f"several columns have the name {name}: give each its own name"
         if counts[name] > 1
-        else _rule_of_column(column, name)
+        else _rule_of_column(column)
         for name, column in zip(table.names, table.columns, strict=True)
     }
 
 
-def _rule_of_column(column: Array | TextColumn | None, name: str) -> Any:
+def _rule_of_column(column: Array | TextColumn | None) -> Any:
     """Return the numbers of a column, or why it has none."""
     if column is None:
         return (

@@ -9,12 +9,10 @@ import numpy as np
 from rigidmc.errors import SceneError
 from rigidmc.inputs.arrays import Array, floats
 from rigidmc.inputs.labelled import Wanted
-from rigidmc.mechanics.inertia import skew_of, violates_triangle, why_impossible
+from rigidmc.mechanics.inertia import SIX, skew_of, symmetric, violates_triangle, why_impossible
 from rigidmc.scene.quantities import Source, count_rows, draw, is_shared
 from rigidmc.scene.vector_distributions.bodies import TensorDistribution, about_centre
 from rigidmc.scene.vector_distributions.protocol import check_semidefinite
-
-ELEMENTS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))  # xx, yy, zz, yz, zx, xy
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +51,7 @@ class TensorRows(TensorDistribution):
 
     def check(self, at: str) -> "TensorRows":
         columns = _columns_of(self.rows, f"{at}.rows")
-        mean = self.mean if self.mean is not None else _tensors(columns).mean(0)
+        mean = self.mean if self.mean is not None else symmetric(columns).mean(0)
         return TensorRows(columns, check_semidefinite(mean, f"{at}.mean", (3,)))
 
     def __repr__(self) -> str:
@@ -112,24 +110,16 @@ def _columns_of(rows: Any, at: str) -> tuple[Array, ...]:
         columns = [floats(row, at) for row in rows]
         if len({column.shape for column in columns}) > 1:
             raise SceneError("its six columns differ in length", at=at)
-        tensors = _tensors(columns)
+        tensors = symmetric(columns)
     else:
         tensors = floats(rows, at, wanted=Wanted((3,), is_matrix=True))
         _check_shape(tensors, at)
-        columns = [0.5 * (tensors[:, i, j] + tensors[:, j, i]) for i, j in ELEMENTS]
+        columns = [0.5 * (tensors[:, i, j] + tensors[:, j, i]) for i, j in SIX]
     _check_tensors(tensors, at)
     frozen = tuple(np.array(column) for column in columns)
     for column in frozen:
         column.flags.writeable = False
     return frozen
-
-
-def _tensors(columns: Sequence[Array]) -> Array:
-    """Return tensors (n, 3, 3) from their elements xx, yy, zz, yz, zx, xy."""
-    tensors = np.empty((np.size(columns[0]), 3, 3))
-    for (i, j), column in zip(ELEMENTS, columns, strict=True):
-        tensors[:, i, j] = tensors[:, j, i] = column
-    return tensors
 
 
 def _check_shape(tensors: Array, at: str) -> None:

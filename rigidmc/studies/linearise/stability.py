@@ -31,7 +31,7 @@ from rigidmc.studies.linearise.system import (
 )
 
 Complex = NDArray[np.complex128]
-MOTION, MOMENTUM, SYMMETRY = ORIGINS = ("motion", "momentum", "symmetry")
+MOTION, MOMENTUM, SYMMETRY = ("motion", "momentum", "symmetry")
 # what an eigenvalue off the imaginary axis says of the full motion
 FULL_MOTION = {
     "saddle": "unstable", "unstable spiral": "unstable",

@@ -133,7 +133,7 @@ def _text(scene: Scene, asked: Mapping[str, Range | None] | None, count: int | N
         engine = engine_data(prepared, members)
         moved = [_slider(slider) | saving_data(prepared, slider) for slider in sliders]
     plan, model = prepared.run.plan, moving.model
-    kept = conservation(model.effects, False)
+    kept, (*axes, sign) = conservation(model.effects, False), axes_of(model.start.sequence)
     saved = moving.with_run(save=tuple(dict.fromkeys((*SAVED, *scene.run.save))))
     data = {
         "engine": engine,
@@ -142,7 +142,7 @@ def _text(scene: Scene, asked: Mapping[str, Range | None] | None, count: int | N
         "isIndependent": plan.run.points == "independent",
         "isBodyDrawn": is_variable(model.body.moments),
         "omega": model.start.spin_name == "omega",
-        "sequence": _sequence(model.start.sequence),
+        "sequence": {"axes": axes, "sign": sign, "proper": model.start.sequence in PROPER},
         "sliders": moved,
         "sums": _sums(model.effects),
         "scene": texts(saved.with_run(t_end=even_end(prepared.run)), sliders),
@@ -178,12 +178,6 @@ def _start(spin: str, start: Mapping[str, Any]) -> dict[str, str]:
     if "start_euler" in start:
         arrays["angles"] = start["start_euler"]
     return {name: doubles(values) for name, values in arrays.items()}
-
-
-def _sequence(sequence: str) -> dict[str, Any]:
-    """Return a sequence of Euler angles for the page, as in `rigidmc.mechanics.euler_angles`."""
-    *axes, sign = axes_of(sequence)
-    return {"axes": axes, "sign": sign, "proper": sequence in PROPER}
 
 
 def _slider(slider: Slider) -> dict[str, Any]:
