@@ -21,6 +21,13 @@ def aligned(angles, unit="rad"):
     return {"euler": "321", "angles": angles, "unit": unit, "relative_to": "orbit"}
 
 
+def orbiting(omega=AT_REST, attitude=None, body=BODY, distance=DISTANCE, **pull):
+    """A scene on an orbit, by default at rest in its frame."""
+    attitude = aligned((0.0, 0.0, 0.0)) if attitude is None else attitude
+    start = rm.Start(omega=omega, attitude=attitude)
+    return rm.Scene(body, rm.GravityGradient(MU, distance, **pull), start)
+
+
 def first(scene, **settings):
     ds = rm.simulate(scene, dt=1.0, t_end=1.0, **settings)
     return ds.start_attitude.T.values, ds.start_omega.T.values
@@ -34,25 +41,12 @@ def frame(anomaly):
 
 @pytest.mark.parametrize("anomaly", [0.0, 2.9, -1.2, 6.0])
 def test_a_body_at_rest_in_its_orbit_stays_there(anomaly):
-    pull = rm.GravityGradient(MU, DISTANCE, anomaly=anomaly)
-    start = rm.Start(omega=AT_REST, attitude=aligned((0.0, 0.0, 0.0)))
-    orbits = 5.0
-    scene = rm.Scene(BODY, pull, start).with_run(
-        dt=300.0, t_end=orbits * 2.0 * math.pi / RATE, every=3000.0, integrator="rk8", members=1
-    )
+    run = {"dt": 300.0, "every": 3000.0, "integrator": "rk8", "members": 1}
+    scene = orbiting(anomaly=anomaly).with_run(t_end=5.0 * 2.0 * math.pi / RATE, **run)
     ds = rm.simulate(scene, save=("orbit_angles", "omega"))
     assert np.abs(ds.orbit_angles).max() < 2e-13  # measured 2.1e-14
     assert np.abs(ds.omega.sel(axis=2) + RATE).max() < 2e-18  # of 3e-5; measured 2.6e-19
-    still = rm.Scene(
-        BODY,
-        pull,
-        rm.Start(
-            omega=(0.0, 0.0, 0.0),
-            attitude=start.attitude,
-            sequence="321",
-            relative_to_orbit="attitude",
-        ),
-    )
+    still = orbiting((0.0, 0.0, 0.0), anomaly=anomaly)
     turned = rm.simulate(still, dt=10.0, t_end=1000.0, members=1, save=("orbit_angles",))
     assert np.abs(turned.orbit_angles).max() > 0.02  # measured 0.034
 
@@ -60,26 +54,17 @@ def test_a_body_at_rest_in_its_orbit_stays_there(anomaly):
 def test_roll_pitch_and_yaw_come_back():
     given = np.random.default_rng(4).uniform(-1.5, 1.5, (7, 3))
     angles = given[:, ::-1]  # yaw, pitch, roll
-    pull = rm.GravityGradient(MU, DISTANCE, 0.3, 0.7)
-    start = rm.Start(omega=AT_REST, attitude=aligned(np.degrees(angles), "deg"))
-    ds = rm.simulate(rm.Scene(BODY, pull, start), dt=1.0, t_end=1.0, save=("orbit_angles",))
+    scene = orbiting(attitude=aligned(np.degrees(angles), "deg"), eccentricity=0.3, anomaly=0.7)
+    ds = rm.simulate(scene, dt=1.0, t_end=1.0, save=("orbit_angles",))
     found = ds.orbit_angles.isel(time=0).transpose("member", "angle").values
     assert list(ds.angle.values) == ["roll", "pitch", "yaw"]
     assert np.abs(found - given).max() < 5e-15  # measured 8.3e-16
 
 
 def test_pitch_librates_at_its_rate():
-    pull = rm.GravityGradient(MU, DISTANCE)
-    start = rm.Start(omega=AT_REST, attitude=aligned((0.0, 1e-5, 0.0)))
-    ds = rm.simulate(
-        rm.Scene(BODY, pull, start),
-        dt=300.0,
-        t_end=600000.0,
-        every=3000.0,
-        members=1,
-        integrator="rk8",
-        save=("orbit_angles",),
-    )
+    scene = orbiting(attitude=aligned((0.0, 1e-5, 0.0)))
+    run = {"dt": 300.0, "t_end": 600000.0, "every": 3000.0, "members": 1}
+    ds = rm.simulate(scene, "rk8", save=("orbit_angles",), **run)
     libration = RATE * math.sqrt(3.0 * (1.2 - 1.0) / 1.4)
     true = 1e-5 * np.cos(libration * ds.time.values)
     pitch = ds.orbit_angles.sel(angle="pitch").isel(member=0).values
@@ -100,13 +85,11 @@ def test_the_frame_turns_with_the_true_anomaly(e, anomaly):
         f, rate = float(true_anomaly(0)), float(mp.diff(true_anomaly, 0))
     relative = Rotation.from_euler("ZYX", (0.4, -0.7, 1.1))
     own = (1e-4, -2e-4, 3e-4)
-    scene = rm.Scene(
-        BODY,
-        rm.GravityGradient(MU, DISTANCE, e, anomaly),
-        rm.Start(
-            omega={"rate": own, "relative_to": "orbit"},
-            attitude={"matrix": relative.as_matrix(), "relative_to": "orbit"},
-        ),
+    scene = orbiting(
+        {"rate": own, "relative_to": "orbit"},
+        {"matrix": relative.as_matrix(), "relative_to": "orbit"},
+        eccentricity=e,
+        anomaly=anomaly,
     )
     q, omega = first(scene)
     true = frame(f) * relative
@@ -118,8 +101,7 @@ def test_the_frame_turns_with_the_true_anomaly(e, anomaly):
 
 def test_each_member_has_its_own_orbit():
     distances = np.array([1.0e7, 7.0e7, 4.2e8])
-    pull = rm.GravityGradient(MU, distances, anomaly=np.array([0.0, 1.0, 2.0]))
-    q, omega = first(rm.Scene(BODY, pull, rm.Start(omega=AT_REST, attitude=aligned((0, 0, 0)))))
+    q, omega = first(orbiting(distance=distances, anomaly=np.array([0.0, 1.0, 2.0])))
     for i, anomaly in enumerate((0.0, 1.0, 2.0)):
         assert attitude_error(q[i], frame(anomaly)) < 1e-15  # measured 7.9e-17
         assert omega[i, 1] == pytest.approx(-math.sqrt(MU / distances[i] ** 3), rel=1e-14)
@@ -156,14 +138,8 @@ members = 50
 def test_rows_come_back_from_a_result():
     rng = np.random.default_rng(5)
     q = Rotation.random(6, rng=5).as_quat(scalar_first=True)
-    scene = rm.Scene(
-        BODY,
-        rm.GravityGradient(MU, DISTANCE, anomaly=0.3),
-        rm.Start(
-            omega={"rate": rng.normal(0.0, 1e-3, (6, 3)), "relative_to": "orbit"},
-            attitude={"quaternion": q, "relative_to": "orbit"},
-        ),
-    )
+    omega = {"rate": rng.normal(0.0, 1e-3, (6, 3)), "relative_to": "orbit"}
+    scene = orbiting(omega, {"quaternion": q, "relative_to": "orbit"}, anomaly=0.3)
     ds = rm.simulate(scene, dt=1.0, t_end=10.0, save=("omega", "attitude"))
     assert np.array_equal(ds.start_relative_omega.T, np.stack(scene.start.omega, -1))
     assert "frame of the orbit" in ds.start_relative_attitude.long_name
@@ -177,11 +153,7 @@ def test_rows_come_back_from_a_result():
 
 def test_an_uncertain_structure_is_aligned_in_its_described_axes():
     law = rm.UncertainInertia(np.diag([1.2, 1.4, 1.0]), 1e-4 * np.eye(6))
-    scene = rm.Scene(
-        rm.Body.from_tensor(law),
-        rm.GravityGradient(MU, DISTANCE, anomaly=0.7),
-        rm.Start(omega=AT_REST, attitude=aligned((0.0, 0.0, 0.0))),
-    )
+    scene = orbiting(body=rm.Body.from_tensor(law), anomaly=0.7)
     ds = rm.simulate(scene, dt=1.0, t_end=1.0, members=20)
     q = ds.rigid.described("start_attitude").transpose("member", "quat").values
     omega = ds.rigid.described("start_omega").transpose("member", "axis").values
@@ -191,29 +163,20 @@ def test_an_uncertain_structure_is_aligned_in_its_described_axes():
 
 def test_other_units_of_integration_start_alike():
     tiny = rm.Body.from_moments(tuple(x * 2.0**-133 for x in (1.2, 1.4, 1.0)))
-    pull, start = (
-        rm.GravityGradient(MU, DISTANCE),
-        rm.Start(omega=AT_REST, attitude=aligned((0, 0.1, 0))),
+    one, two = (
+        rm.simulate(
+            orbiting(attitude=aligned((0, 0.1, 0)), body=body), dt=1.0, t_end=100.0, save=("omega",)
+        )
+        for body in (BODY, tiny)
     )
-    one = rm.simulate(rm.Scene(BODY, pull, start), dt=1.0, t_end=100.0, save=("omega",))
-    two = rm.simulate(rm.Scene(tiny, pull, start), dt=1.0, t_end=100.0, save=("omega",))
     assert np.array_equal(one.omega, two.omega)
 
 
 def test_sensitivity_knows_the_relative_numbers():
-    scene = rm.Scene(
-        BODY,
-        rm.GravityGradient(MU, DISTANCE),
-        rm.Start(
-            omega={"rate": (0.0, rm.normal(0.0, 1e-6), 0.0), "relative_to": "orbit"},
-            attitude=aligned((0.0, rm.normal(0.0, 1e-3), 0.0)),
-        ),
-    )
-    study = rm.sensitivity(
-        scene.with_run(dt=10.0, t_end=100.0, save=("orbit_angles",)),
-        of="mean(omega_max[2])",
-        members=64,
-    )
+    omega = {"rate": (0.0, rm.normal(0.0, 1e-6), 0.0), "relative_to": "orbit"}
+    scene = orbiting(omega, aligned((0.0, rm.normal(0.0, 1e-3), 0.0)))
+    run = scene.with_run(dt=10.0, t_end=100.0, save=("orbit_angles",))
+    study = rm.sensitivity(run, of="mean(omega_max[2])", members=64)
     assert {*study.number.values} == {"start.omega.2", "start.attitude.pitch"}
 
 
