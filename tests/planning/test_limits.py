@@ -27,6 +27,12 @@ rng = np.random.default_rng(0)
 SPINS = rng.normal(size=(64, 3))
 
 
+def spun(*effects, omega=SPINS, **run):
+    """A scene with a member for each spin."""
+    run = {"integrator": "rk4", "dt": 0.02, "t_end": 2.0, "members": len(omega), **run}
+    return rm.Scene(UNSYMMETRIC, effects, rm.Start(omega=omega)).with_run(**run)
+
+
 def block():
     return block_of([FREE] * 32)
 
@@ -96,13 +102,8 @@ class Untrue(NamedTuple):
 
 
 def test_lz_is_checked_if_a_scene_conserves_it():
-    scene = rm.Scene(UNSYMMETRIC, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(
-        dt=0.01, t_end=2.0, members=64, integrator="rk4"
-    )
-    assert not rm.simulate(scene).status.values.any()
-    wrong = rm.Scene(UNSYMMETRIC, (rm.Gravity(1.0), Untrue(0.1)), rm.Start(omega=SPINS)).with_run(
-        dt=0.01, t_end=2.0, members=64, integrator="rk4"
-    )
+    assert not rm.simulate(spun(*HEAVY, dt=0.01)).status.values.any()
+    wrong = spun(*HEAVY, Untrue(0.1), dt=0.01)
     words = r"all 64 members are flagged \(64 momentum_drift\) at"
     with pytest.warns(rm.SceneWarning, match=words) as shown:
         found = rm.simulate(wrong)
@@ -129,9 +130,7 @@ def test_lz_is_checked_if_a_scene_conserves_it():
     ],
 )
 def test_checks_change_no_bit_of_a_good_run(name, effects):
-    scene = rm.Scene(UNSYMMETRIC, effects, rm.Start(omega=SPINS)).with_run(
-        dt=0.02, t_end=2.0, every=0.5, members=64, integrator=name
-    )
+    scene = spun(*effects, every=0.5, integrator=name)
     checked, unchecked = rm.simulate(scene), rm.simulate(scene, checks=False)
     assert not checked.status.values.any()
     for variable in checked.data_vars:
@@ -142,9 +141,7 @@ def test_fast_spins_are_flagged_and_never_nonsense():
     """|omega| h of 0.1, 1 and 3: right, right to its order, flagged at the first step."""
     spins = np.zeros((96, 3))
     spins[:, 0], spins[:, 2] = np.repeat((1.0, 10.0, 30.0), 32), 0.1
-    scene = rm.Scene(UNSYMMETRIC, (), rm.Start(omega=spins)).with_run(
-        dt=0.1, t_end=10.0, members=96, save=("omega", "attitude")
-    )
+    scene = spun(omega=spins, dt=0.1, t_end=10.0, save=("omega", "attitude"))
     for name in ("rk4", "rkmk4"):
         with pytest.warns(rm.SceneWarning, match="omega dt reaches 3 rad"):
             ds = rm.simulate(scene, integrator=name)
@@ -156,9 +153,7 @@ def test_fast_spins_are_flagged_and_never_nonsense():
 
 
 def test_thresholds_of_the_scene(tmp_path):
-    scene = rm.Scene(UNSYMMETRIC, (), rm.Start(omega=SPINS)).with_run(
-        dt=0.1, t_end=10.0, members=64
-    )
+    scene = spun(dt=0.1, t_end=10.0)
     drift = np.sort(rm.simulate(scene).energy_drift_max.values)
     limit = float(np.sqrt(drift[40] * drift[41]))
     ds = rm.simulate(scene.with_run(energy_limit=limit), output=tmp_path / "a.nc")
@@ -175,10 +170,7 @@ def test_thresholds_of_the_scene(tmp_path):
 def test_default_limits_leave_room_for_what_integrators_make():
     """The drift of good runs is 30 to 1e4 times below the limit that their step sets."""
     for name in ("rk4", "rk8", "strang", "srkn11"):
-        scene = rm.Scene(UNSYMMETRIC, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(
-            dt=0.02, t_end=20.0, members=64, integrator=name
-        )
-        ds = rm.simulate(scene)
+        ds = rm.simulate(spun(*HEAVY, t_end=20.0, integrator=name))
         assert not ds.status.values.any()
         assert ds.energy_drift_max.values.max() < 0.1 * ds.attrs["energy_limit"], name
 
