@@ -115,8 +115,7 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
     elif folder and not import_module("rigidmc.files.opening").is_zarr(path):
         result = import_module("rigidmc.runs.directory.dataset").open_run(path, allow_code)
     else:
-        result = import_module("rigidmc.results.reader").open_result(path)
-        result.encoding["allow_code"] = allow_code
+        result = import_module("rigidmc.results.reader").open_result(path, allow_code)
     return result
 
 

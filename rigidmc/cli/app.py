@@ -169,9 +169,7 @@ def load_result(path: str, allow_code: bool = False) -> "xr.Dataset":
         return open_run(path, allow_code)
     from rigidmc.results.reader import open_result
 
-    result = open_result(path)
-    result.encoding["allow_code"] = allow_code
-    return result
+    return open_result(path, allow_code)
 
 
 _from_start = False

@@ -86,22 +86,20 @@ def run_command(
         refuse_directory_options(ways)
         output = output and output.rstrip(os.sep)
         refuse_outputs(force, output, plot)
+        how = dict[str, Any](threads=threads, device=device, output=output, force=force)
         if until is None:
             from rigidmc.runs.simulate import simulate
 
-            dataset = simulate(
-                loaded, threads=threads, progress=True, output=output, force=force, device=device
-            )
-            code = OK
+            dataset, code, reached = simulate(loaded, progress=True, **how), OK, ""
         else:
             if "members" in run:
                 rule = "cannot be combined with --until, which adds members as needed: give --most"
                 raise OptionError(rule, at="members", value=run["members"])
-            dataset, code = _until(loaded, until, most, threads, device, output, force)
+            dataset, code, reached = _until(loaded, until, most, how)
         if plot is not None:
             save_picture(plots_module().summary(dataset), plot, force)
-        _summarise(dataset, time.perf_counter() - began, [p for p in (output, plot) if p])
-        flagged = dataset.sizes["member"] - dataset.encoding["rigidmc"]["flagged"]["ok"]
+        files = [p for p in (output, plot) if p]
+        flagged = _summarise(dataset, time.perf_counter() - began, files, reached)
         dataset.close()
     raise typer.Exit(code or (FLAGGED if flagged else OK))
 
@@ -117,46 +115,32 @@ def _created(
 
 
 def _until(
-    scene: "Scene",
-    until: str,
-    most: int,
-    threads: int | None,
-    device: str | None,
-    output: str | None,
-    force: bool,
-) -> tuple["xr.Dataset", int]:
-    """Add members until the interval of a measure is narrow enough; return (result, exit code)."""
+    scene: "Scene", until: str, most: int, how: dict[str, Any]
+) -> tuple["xr.Dataset", int, str]:
+    """Add members until a measure's interval is narrow enough; return (result, exit code, line)."""
     from rigidmc.studies.until import is_goal_reached, simulate_until
 
     def show(members: int, interval: "Estimate") -> None:
         line = f"  {count_text(members, 'member')}: {interval.value:.6g} +- {interval.half:.2g}"
         print(line, file=sys.stderr, flush=True)
 
-    dataset, interval = simulate_until(
-        scene,
-        until,
-        most,
-        threads=threads,
-        progress=show,
-        output=output,
-        force=force,
-        device=device,
-    )
-    dataset.encoding["rigidmc"]["until"] = f"  {until}: {interval.words()}"
-    return dataset, OK if is_goal_reached(until, interval) else INCOMPLETE
+    dataset, interval = simulate_until(scene, until, most, progress=show, **how)
+    code = OK if is_goal_reached(until, interval) else INCOMPLETE
+    return dataset, code, f"  {until}: {interval.words()}"
 
 
-def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
-    """Print the run, its cost, the drifts of energy and |L|^2, and the flagged members."""
+def _summarise(dataset: "xr.Dataset", wall: float, files: list[str], reached: str) -> bool:
+    """Print run, cost, drifts of energy and |L|^2, and flagged members; return if there are any."""
     from rigidmc.inputs.amounts import two_digits
     from rigidmc.scene.drifts import one_way
+    from rigidmc.scene.user_parts.registry import origin_of
 
-    cost = dataset.encoding["rigidmc"]
+    cost = origin_of(dataset)
     count, steps, seconds = dataset.sizes["member"], cost["steps"], cost["run_seconds"]
     each = (
         f"{steps:,.1f} steps on average, different for each member,"
         if "turn" in dataset.attrs
-        else f"{count_text(steps, 'step')} of {dataset.attrs['dt']:.6g} s"
+        else f"{count_text(int(steps), 'step')} of {dataset.attrs['dt']:.6g} s"
     )
     print(
         f"{dataset.attrs['title']}: {count_text(count, 'member')} x {each}"
@@ -179,10 +163,9 @@ def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
     print(f"  flagged members: {flags or 'none'}{where}")
     if not files:
         print("  nothing was written: -o FILE saves the result, --plot FILE draws it")
-    for line in report_files(files):
+    for line in (*report_files(files), *filter(None, [reached])):
         print(line)
-    if "until" in cost:
-        print(cost["until"])
+    return bool(flags)
 
 
 def _print_drift(drift: "xr.DataArray", word: str) -> None:

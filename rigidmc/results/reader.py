@@ -35,9 +35,10 @@ from rigidmc.scene.recording import Recording
 from rigidmc.scene.scene import Scene, loads
 from rigidmc.scene.settings import Run
 from rigidmc.scene.toml.read import scene_text
+from rigidmc.scene.user_parts.registry import origin_of
 
 
-def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
+def open_result(path: str | os.PathLike[str], allow_code: bool = False) -> xr.Dataset:
     """Open a result as a lazy Dataset; FileError if the file is not a result of rigidmc, see
     `rigidmc.results.reader`. Keeps variables that a user added."""
     path = os.fspath(path)
@@ -75,6 +76,7 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
             stacklevel=3,
         )
     result.set_close(dataset.close)
+    origin_of(result)["allow_code"] = allow_code
     result.encoding["source"] = dataset.encoding.get("source", os.path.abspath(path))
     return result
 

@@ -39,7 +39,7 @@ from rigidmc.scene.derivatives import parameters_of_run
 from rigidmc.scene.parameter import Parameters
 from rigidmc.scene.quantities import Varied
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.user_parts.registry import CLASSES, contents_of_parts, remember_classes
+from rigidmc.scene.user_parts.registry import Origin, contents_of_parts, origin_of, remember_classes
 from rigidmc.scene.validation import PILOT
 from rigidmc.scene.varied import open_varied, stored_values, with_values, without_mark
 
@@ -250,13 +250,10 @@ class PreparedRun(SettledRun):
         except BaseException:
             sink.discard()
             raise
-        dataset.encoding[CLASSES] = remember_classes(run.scene.user_parts) if run.contents else ""
-        dataset.encoding["rigidmc"] = {
-            "run_seconds": time.perf_counter() - began,
-            "compile_seconds": compiled,
-            "flagged": flagged,
-            "steps": run.plan.mean_steps,
-        }
+        cost = Origin(run_seconds=time.perf_counter() - began, compile_seconds=compiled)
+        classes = remember_classes(run.scene.user_parts) if run.contents else ""
+        more = Origin(flagged=flagged, steps=run.plan.mean_steps, classes=classes)
+        origin_of(dataset).update(cost | more)
         if note := mostly_flagged(dataset):
             warn(note)
         return dataset

@@ -36,6 +36,7 @@ from rigidmc.runs.resources import DEVICE_BLOCK, WAVE, block_of, in_words, moved
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
+from rigidmc.scene.user_parts.registry import origin_of
 from rigidmc.scene.vector_distributions import Cone
 
 LAUNCHED = 0.2  # seconds of launches that are long compared with the first, shorter ones
@@ -123,7 +124,7 @@ def _rehearsed(
             few = run.with_members(range(first, first + count))
             file = os.path.join(folder, f"{i}.nc") if output else None
             datasets.append(few.run(threads=threads, device=device, output=file, block=block))
-            taken[count].append(datasets[-1].encoding["rigidmc"]["run_seconds"])
+            taken[count].append(origin_of(datasets[-1])["run_seconds"])
             if i >= 3 and time.perf_counter() - began > LATE:
                 break
         for dataset in datasets:  # closed only now, or the next run would reuse warm memory

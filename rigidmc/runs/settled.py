@@ -27,6 +27,7 @@ from rigidmc.scene.quantities import count_rows
 from rigidmc.scene.sampling import rows_to_run
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import Run
+from rigidmc.scene.user_parts.registry import origin_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -163,7 +164,7 @@ def mostly_flagged(result: "xr.Dataset") -> str:
     A few flagged members, such as the tail of a distribution, change no mean by much: `status`
     has them, and estimates leave them out.
     """
-    flagged = {k: n for k, n in result.encoding["rigidmc"]["flagged"].items() if n and k != "ok"}
+    flagged = {k: n for k, n in origin_of(result)["flagged"].items() if n and k != "ok"}
     count, members = sum(flagged.values()), result.sizes["member"]
     if 2 * count <= members:
         return ""

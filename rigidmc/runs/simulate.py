@@ -20,6 +20,7 @@ from rigidmc.runs.settled import range_of_members, with_settings
 from rigidmc.scene.drifts import one_way
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
+from rigidmc.scene.user_parts.registry import origin_of
 from rigidmc.scene.varied import nominal_of
 
 if TYPE_CHECKING:
@@ -209,7 +210,7 @@ def simulate(
         if line := one_way(dataset):
             warn(line)
         if expected is not None:
-            dataset.encoding["rigidmc"]["predicted_seconds"] = expected
+            origin_of(dataset)["predicted_seconds"] = expected
         return dataset
 
 

@@ -30,7 +30,7 @@ from rigidmc.scene.start import Start
 from rigidmc.scene.start_tables import check_orbit
 from rigidmc.scene.toml.read import Settings, locate_source, read_parts
 from rigidmc.scene.toml.write import dumps
-from rigidmc.scene.user_parts.registry import CLASSES, Classes, remembered_classes
+from rigidmc.scene.user_parts.registry import Classes, code_of
 from rigidmc.scene.validation import (
     check_effect,
     check_histogram,
@@ -494,10 +494,6 @@ def scene_of(
         # through xarray: netCDF4 1.7.5 crashes when it reopens a file that xarray has open
         with open_undecoded(os.fspath(source)) as dataset:
             return scene_of(dataset, settings, allow_code)
-    code: bool | Classes | None = allow_code
-    if allow_code is False:
-        classes = remembered_classes(source.encoding.get(CLASSES, ""))
-        code = classes or bool(source.encoding.get("allow_code"))
+    code = code_of(source) if allow_code is False else allow_code
     file = source.encoding.get("source", "result")
-    rows = stored_rows(source)
-    return loads(scene_text(source), file, settings, rows, allow_code=code)
+    return loads(scene_text(source), file, settings, stored_rows(source), allow_code=code)

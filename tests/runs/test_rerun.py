@@ -11,7 +11,7 @@ import xarray as xr
 import rigidmc as rm
 from rigidmc.physics.effects.protocol import Number, effect
 from rigidmc.scene.scene import scene_of
-from rigidmc.scene.user_parts.registry import CLASSES, remember_classes
+from rigidmc.scene.user_parts.registry import origin_of, remember_classes
 from tests.tools.commands import invoke
 
 BODY = rm.Body.from_moments((rm.uniform(1.0, 1.2), 1.4, 2.0), mass=1.0, centre=(0.1, 0.0, 0.3))
@@ -173,7 +173,7 @@ def test_a_result_leads_to_the_classes_of_its_process():
     result = xr.Dataset(coords={"member": [0]}, attrs={"scene": scene.dumps()})
     with pytest.raises(rm.SceneError, match="module"):  # of another process
         scene_of(result)
-    result.encoding[CLASSES] = key = remember_classes(scene.user_parts)
+    origin_of(result)["classes"] = key = remember_classes(scene.user_parts)
     assert key == remember_classes(scene.user_parts) and not remember_classes(
         rm.Scene.load("heavy_top").user_parts
     )

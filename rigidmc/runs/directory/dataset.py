@@ -30,6 +30,7 @@ from rigidmc.results.reader import check_result
 from rigidmc.results.variables import METHOD, NEWER, Variable
 from rigidmc.runs.directory.folder import RunDirectory, flagged_count
 from rigidmc.runs.directory.load import load_run, method_of_growth, scene_of_run, text_of_run
+from rigidmc.scene.user_parts.registry import origin_of
 
 GROWING = ("member", "flagged")  # the dimensions that grow with the shards
 GROUP = 2**24  # bytes of the largest variable in a group of shards
@@ -267,7 +268,8 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
     }
     attrs = {**layout.attributes, **directory.facts["attributes"]}
     dataset = xr.Dataset(variables, layout.coordinates, attrs)
-    dataset.encoding |= {"source": absolute(directory.path), "allow_code": allow_code}
+    dataset.encoding["source"] = absolute(directory.path)
+    origin_of(dataset)["allow_code"] = allow_code
     return dataset
 
 

@@ -7,7 +7,7 @@ import uuid
 from collections import namedtuple
 from collections.abc import Iterable
 from dataclasses import make_dataclass
-from typing import Any
+from typing import Any, TypedDict, cast
 
 from rigidmc.engine.compiler.contents import contents_of
 from rigidmc.errors import SceneError
@@ -15,7 +15,6 @@ from rigidmc.files.user_code import class_named, class_of, source_of
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
 
 Classes = tuple[type[Any], ...]
-CLASSES = "rigidmc_classes"  # key for them in the encoding of a result
 Code = str | bool | Classes | None
 _made_here: dict[str, Classes] = {}  # custom classes of the scenes that this process has run
 # attributes needed to open a result without running the code of a class: none of it is compiled
@@ -32,6 +31,23 @@ _FACTS: dict[str, dict[str, Any]] = {
         "compensated": True,
     },
 }
+
+
+class Origin(TypedDict, total=False):
+    """What this process knows of a result, in its encoding; no file has it."""
+
+    run_seconds: float
+    compile_seconds: float
+    predicted_seconds: float
+    steps: float
+    flagged: dict[str, int]  # members by status
+    classes: str  # key of `remember_classes`
+    allow_code: bool
+
+
+def origin_of(dataset: Any) -> Origin:
+    """Return what this process knows of a result, to be read and to be added to."""
+    return cast(Origin, dataset.encoding.setdefault("rigidmc", {}))
 
 
 def load_user_class(name: str, module: Any, at: str, code: Code) -> type[Any] | None:
@@ -67,9 +83,10 @@ def remember_classes(parts: Iterable[Any]) -> str:
     return key if classes else ""
 
 
-def remembered_classes(key: str) -> Classes:
-    """Return the classes of a key of `remember_classes`, () if another process gave it."""
-    return _made_here.get(key, ())
+def code_of(dataset: Any) -> bool | Classes:
+    """Return the custom classes of a result of this process, else whether its code may run."""
+    origin = origin_of(dataset)
+    return _made_here.get(origin.get("classes", ""), ()) or origin.get("allow_code", False)
 
 
 def make_stand_in(kind: str, name: str, table: dict[str, Any]) -> type[Any]:
