@@ -7,7 +7,7 @@ import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from itertools import islice
+from itertools import chain, islice
 from typing import TYPE_CHECKING, Any, ClassVar
 
 if TYPE_CHECKING:
@@ -276,14 +276,16 @@ def nearest(word: object, words: Iterable[object]) -> str | None:
     if len(str(word)) > _WORD:
         return None
     asked = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", str(word)).lower().strip().replace("-", "_")
-    # a vector such as "omega" has its components only
-    for end in ("", r"(\.\d+)+"):
-        tail = re.compile(rf"\.{re.escape(str(word).lower())}{end}$")
-        if same := next((spelled[name] for name in spelled if tail.search(name)), None):
-            return same
-    for name in NAMES.get(asked.replace(" ", "_"), ()):
-        if same := next((spelled[w] for w in (name, name.replace("_", "")) if w in spelled), None):
-            return same
+
+    def ending(name: str) -> Iterator[str]:
+        # a vector such as "omega" has its components only
+        tails = (rf"\.{re.escape(name)}{end}$" for end in ("", r"(\.\d+)+"))
+        return (spelled[w] for tail in tails for w in spelled if re.search(tail, w))
+
+    names = NAMES.get(asked.replace(" ", "_"), ())
+    same = (spelled[w] for name in names for w in (name, name.replace("_", "")) if w in spelled)
+    if found := next(chain(ending(str(word).lower()), same, *map(ending, names)), None):
+        return found
     # similarity: "foo" and "book" 0.57, "sphere" and "shell" 0.55
     close = difflib.get_close_matches(str(word).lower(), spelled, n=1, cutoff=0.6)
     if close:

@@ -208,6 +208,8 @@ def test_the_end_of_every_path_of_a_parameter_gets_the_path():
                 pairs += 1
     assert pairs > 1000  # 1,486
     scene = rm.Scene.load("heavy_top")
+    for name in ("tend", "run.t_ends", "duration", "tmax"):
+        assert nearest(name, parameter_names_of_derivatives(scene.model)) == "run.t_end"
     for name in ("g", "omega", "t_end"):
         with pytest.raises(rm.RigidmcError, match="no such scene parameter"):
             rm.linearise(scene, along=(name, 0.0, 1.0))
