@@ -23,6 +23,8 @@ from rigidmc.inputs.measured import from_foreign, is_foreign, numbers_in
 from rigidmc.inputs.units import ARGUMENTS
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 _SEQUENCES = (list, tuple, range, deque, machine_array)
 _PLAIN_ARRAYS = (np.memmap, np.matrix, np.recarray)  # carry no more than the numbers of an ndarray
 _ELEMENTS = {

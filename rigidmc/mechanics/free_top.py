@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.engine.formulas import evaluate
 from rigidmc.errors import SceneError
-from rigidmc.inputs.arrays import Array, Shape, broadcast_arguments, floats
+from rigidmc.inputs.arrays import Array, Bools, Ints, Shape, broadcast_arguments, floats
 from rigidmc.mechanics.free_orbit import FreeOrbit, FreeOrbitFormula, FreeStateFormula, Phase
 from rigidmc.mechanics.rotation import Attitude, quaternion
 
 
-def spread(shape: Shape, t: ArrayLike) -> tuple[Shape, NDArray[np.int64], Array]:
+def spread(shape: Shape, t: ArrayLike) -> tuple[Shape, Ints, Array]:
     """Return (shape, row, time): each body of a table at each time.
 
     shape : leading shape of the bodies, whose order is the order of the table's rows
@@ -73,7 +73,7 @@ class FreeMotionType(NamedTuple):
     """
 
     kind: NDArray[np.str_]
-    axis: NDArray[np.int64]
+    axis: Ints
     m: Array
     mc: Array
     rate: Array
@@ -86,7 +86,7 @@ class FreeMotionType(NamedTuple):
 
 def _orbits(
     moments: ArrayLike, momentum: ArrayLike, attitude: Attitude
-) -> tuple[Array, Shape, NDArray[np.bool_]]:
+) -> tuple[Array, Shape, Bools]:
     """Return (table of FreeOrbits, one row per top; leading shape; mask of bad rows)."""
     shape, arrays, bad = broadcast_arguments(
         ("moments", moments, 3), ("momentum", momentum, 3), ("attitude", quaternion(attitude), 4)

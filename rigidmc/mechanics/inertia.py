@@ -10,10 +10,10 @@ from itertools import permutations, product
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rigidmc.errors import SceneError
-from rigidmc.inputs.arrays import Array, check_rows, floats
+from rigidmc.inputs.arrays import Array, Bools, check_rows, floats
 from rigidmc.inputs.labelled import Wanted
 from rigidmc.mechanics.axes_rates import axes_rates
 from rigidmc.physics.dynamics.dual_arrays import DualArray, as_array
@@ -135,7 +135,7 @@ def kinetic_energy(tensor: ArrayLike, omega: ArrayLike) -> Array:
     return energy
 
 
-def survives(axis: ArrayLike, offset: ArrayLike, relative: float = 1e-12) -> NDArray[np.bool_]:
+def survives(axis: ArrayLike, offset: ArrayLike, relative: float = 1e-12) -> Bools:
     """Return whether principal axes about the centre of mass are also principal about a point.
 
     The shift adds m (d^2 1 - d d^T). An axis e is an eigenvector of this matrix iff e is parallel
@@ -146,7 +146,7 @@ def survives(axis: ArrayLike, offset: ArrayLike, relative: float = 1e-12) -> NDA
     axis, offset = floats(axis, "axis", 3), floats(offset, "offset", 3)
     size = np.linalg.norm(axis, axis=-1) * np.linalg.norm(offset, axis=-1)
     along, across = np.abs((axis * offset).sum(-1)), np.linalg.norm(np.cross(axis, offset), axis=-1)
-    either: NDArray[np.bool_] = (along <= relative * size) | (across <= relative * size)
+    either: Bools = (along <= relative * size) | (across <= relative * size)
     return either
 
 

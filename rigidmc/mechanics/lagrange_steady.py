@@ -8,16 +8,16 @@ for a centre of mass on the other side.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rigidmc.errors import warn
-from rigidmc.inputs.arrays import Array, Shape, broadcast_arguments, check_rows, warn_of_rows
+from rigidmc.inputs.arrays import Array, Bools, Shape, broadcast_arguments, check_rows, warn_of_rows
 from rigidmc.inputs.measured import degrees_note
 
 ROUNDED = 2.0 * np.finfo(float).eps  # relative rounding of an angle, or of a product of 4 numbers
 
 
-def unequal_moments(first: Array, second: Array, axis: int = 3) -> NDArray[np.bool_]:
+def unequal_moments(first: Array, second: Array, axis: int = 3) -> Bools:
     """Return the mask of tops whose two moments across their `axis` differ.
 
     SceneError if all are unequal, a SceneWarning with their count if some are.

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.engine.formulas import evaluate
-from rigidmc.inputs.arrays import Array, Shape, broadcast_arguments, floats
+from rigidmc.inputs.arrays import Array, Bools, Shape, broadcast_arguments, floats
 from rigidmc.mechanics.free_top import Motion, spread
 from rigidmc.mechanics.lagrange_limits import TINY
 from rigidmc.mechanics.lagrange_orbit import (
@@ -54,7 +54,7 @@ def with_axis_third(
 
 def _orbits(
     moments: ArrayLike, weight: ArrayLike, momentum: ArrayLike, attitude: Attitude, axis: int
-) -> tuple[Array, Array, Shape, NDArray[np.bool_], NDArray[np.bool_]]:
+) -> tuple[Array, Array, Shape, Bools, Bools]:
     """Return (table, columns, leading shape, bad, below).
 
     table : LagrangeOrbits, one row per top;  columns : A, C, k, L, attitude (10, n);  bad : mask of
@@ -210,7 +210,7 @@ def analyse_lagrange_top(
     return NutationRange._make(np.reshape(v, shape) for v in nutation)
 
 
-def _nutation(o: Any, columns: Array, bad: NDArray[np.bool_]) -> NutationRange:
+def _nutation(o: Any, columns: Array, bad: Bools) -> NutationRange:
     """Return the NutationRange (n,) of each LagrangeOrbit in o, whose weights are not negative.
 
     columns : A, C, k, L, attitude (10, n);  bad : mask of impossible tops
@@ -232,7 +232,7 @@ def _nutation(o: Any, columns: Array, bad: NDArray[np.bool_]) -> NutationRange:
     return NutationRange(*constants, o.m, o.mc, o.rate, period, precession, spin)
 
 
-def _turned_back(nutation: NutationRange, below: NDArray[np.bool_]) -> NutationRange:
+def _turned_back(nutation: NutationRange, below: Bools) -> NutationRange:
     """Return the NutationRange of tops that `_orbits` has turned upside down where `below`."""
     upside = np.where(below, -1.0, 1.0)
     return nutation._replace(
@@ -243,7 +243,7 @@ def _turned_back(nutation: NutationRange, below: NDArray[np.bool_]) -> NutationR
     )
 
 
-def _kinds(o: Any, columns: Array, bad: NDArray[np.bool_], fixed: NDArray[np.bool_]) -> Any:
+def _kinds(o: Any, columns: Array, bad: Bools, fixed: Bools) -> Any:
     """Return the kind of motion, as named by `analyse_lagrange_top`, of each LagrangeOrbit in o.
 
     columns : A, C, k and L first;  fixed : whether the axis keeps its angle from the vertical

@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rigidmc.errors import FileError, SceneError
 from rigidmc.files.reading import load_mesh, refuse_large_mesh
 from rigidmc.files.trial import refuse_unreadable
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Ints
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio, odd
 
@@ -97,7 +97,7 @@ def _refuse_infinite(vertices: Array, name: str) -> None:
     raise SceneError(rule, at="mesh", value=name)
 
 
-def first_vertices(vertices: Array) -> NDArray[np.int64]:
+def first_vertices(vertices: Array) -> Ints:
     """Return for each of the vertices (n, 3) the index (n,) of the first one equal to it.
 
     An STL file repeats a vertex for each of its triangles. Only bitwise equal vertices are merged:
@@ -149,7 +149,7 @@ def open_edges(faces: ArrayLike) -> str:
 _WELDS = (1e-6, 1e-5, 1e-4)  # relative to the size of the mesh
 
 
-def _cure(faults: str, vertices: Array, faces: NDArray[np.int64]) -> str:
+def _cure(faults: str, vertices: Array, faces: Ints) -> str:
     """Return the rule that a mesh is not closed, and what to do next."""
     other = (
         'solid = "hull" takes its convex hull, and solid = "shell" a thin sheet of the given mass'
@@ -170,11 +170,11 @@ def _cure(faults: str, vertices: Array, faces: NDArray[np.int64]) -> str:
     )
 
 
-def _welded(vertices: Array, faces: NDArray[np.int64], distance: float) -> NDArray[np.int64]:
+def _welded(vertices: Array, faces: Ints, distance: float) -> Ints:
     """Return the faces after merging vertices that round to the same multiple of a distance,
     without those that have lost their area."""
     _, index = np.unique(np.round(vertices / distance), axis=0, return_inverse=True)
-    merged: NDArray[np.int64] = index.ravel()[faces]
+    merged: Ints = index.ravel()[faces]
     one, two, three = merged.T
     apart = (one != two) & (two != three) & (three != one)
     return np.asarray(merged[apart])

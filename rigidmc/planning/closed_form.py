@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools, Ints
 from rigidmc.mechanics.free_top import Motion, analyse_free_top, solve_free_top
 from rigidmc.mechanics.lagrange_top import analyse_lagrange_top, solve_lagrange_top
 from rigidmc.physics.dynamics.body_axes import with_axes
@@ -42,7 +42,7 @@ class ClosedMotion(NamedTuple):
     moments: Array
     momentum: Array
     attitude: Array
-    form: NDArray[np.int64]
+    form: Ints
     weight: Array
     damping: Array
 
@@ -53,7 +53,7 @@ class ClosedMotion(NamedTuple):
         free = [f"free top{damped}"] if np.any(self.form == 0) else []
         return " and ".join(free + ["Lagrange top"] * bool(np.any(self.form > 0)))
 
-    def parts(self) -> list[tuple[int, NDArray[np.int64], "ClosedMotion"]]:
+    def parts(self) -> list[tuple[int, Ints, "ClosedMotion"]]:
         """Return [(form, members, their ClosedMotion)] for each form that occurs."""
         parts = []
         for form in np.unique(self.form[self.form != NONE]):
@@ -75,7 +75,7 @@ class ClosedMotion(NamedTuple):
                 everyone[..., members, :] = values
         return motion
 
-    def kinds(self) -> list[tuple[NDArray[np.int64], Any]]:
+    def kinds(self) -> list[tuple[Ints, Any]]:
         """Return [(members, their Kind of free motion or Nutation of a Lagrange top)]."""
         return [
             (
@@ -150,7 +150,7 @@ def case_of(effects: Sequence[Any], block: Array, start: Start) -> ClosedMotion:
     return ClosedMotion(moments, momentum, attitude, form, np.where(form > 0, along, 0.0), rate)
 
 
-def _refuse_asymmetric(moments: Array, form: NDArray[np.int64]) -> None:
+def _refuse_asymmetric(moments: Array, form: Ints) -> None:
     """Raise SceneError if a heavy top has unequal moments about the other two axes."""
     for axis in (1, 2, 3):
         i, j = (k for k in range(3) if k != axis - 1)
@@ -164,7 +164,7 @@ def _refuse_asymmetric(moments: Array, form: NDArray[np.int64]) -> None:
             raise _uncovered(rule + _some(unequal))
 
 
-def _some(bad: NDArray[np.bool_]) -> str:
+def _some(bad: Bools) -> str:
     """Return how many members are bad, in words, or "" if all are."""
     return "" if bad.all() else f" ({int(bad.sum()):,} of {bad.size:,} members)"
 

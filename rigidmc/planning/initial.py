@@ -4,14 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.formulas import energies
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
 from rigidmc.engine.machine import allocate_block
 from rigidmc.engine.streams import key_of, stream_of
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Ints
 from rigidmc.mechanics.euler_angles import angle_names
 from rigidmc.mechanics.inertia import (
     quaternions,
@@ -101,11 +100,7 @@ def members_at_start(model: Model, run: Run, first: int, count: int) -> tuple[Ar
 
 
 def initial_block_of(
-    model: Model,
-    sampler: Source,
-    members: NDArray[np.int64],
-    has_attitude: bool = True,
-    rows: int | None = None,
+    model: Model, sampler: Source, members: Ints, has_attitude: bool = True, rows: int | None = None
 ) -> tuple[Array, Start]:
     """Build members by their indices, in any order; see `initial_block`.
 
@@ -122,7 +117,7 @@ def initial_block_of(
     return np.concatenate(blocks, axis=1), start
 
 
-def member_ranges(members: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64], int]]:
+def member_ranges(members: Ints) -> Iterator[tuple[int, Ints, int]]:
     """Yield ranges of members to build, as (first index, columns of the wanted members, count)."""
     apart = np.diff(members)
     cut = (apart < 0) | (apart > APART) | (np.diff(members // RANGE) != 0)
@@ -374,7 +369,7 @@ def work_flags(effects: Sequence[Any], has_work: bool) -> tuple[Flag, ...]:
     return tuple(flag(not implements(effect, "energy")) for effect in effects)
 
 
-def noise_keys(effects: Sequence[Any], seed: int, members: NDArray[np.int64]) -> NoiseKeys:
+def noise_keys(effects: Sequence[Any], seed: int, members: Ints) -> NoiseKeys:
     """Return the keys of the noise of random effects, for members by their indices."""
     streams = [
         stream_of(f"effects.{label}.noise")

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.layout import EVENT_ROWS, RECORDED, STATUSES, SUMS, RowMap, monitor_rows
 from rigidmc.engine.kernel.layout import map_rows as places_for
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.physics.dynamics.dual_arrays import DualArray, plain
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import OFF, Flag, argument_names, depends, flag, static_count
@@ -171,7 +170,7 @@ def _needs_attitude(effects: Sequence[Any], recording: Recording, monitors: Moni
     )
 
 
-def event_record(rows: Any, healthy: NDArray[np.bool_]) -> EventRecord:
+def event_record(rows: Any, healthy: Bools) -> EventRecord:
     """Return the EventRecord from rows of a block; nan for members that are not healthy."""
     count = np.where(healthy, rows[layout.COUNT], np.nan)
     never = ~(count > 0.0)

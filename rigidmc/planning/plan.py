@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys
@@ -13,7 +12,7 @@ from rigidmc.engine.kernel.layout import RowMap
 from rigidmc.engine.machine import allocate_block
 from rigidmc.engine.program_spec import NO_DERIVATIVES, Derivatives
 from rigidmc.errors import SceneError
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Ints
 from rigidmc.physics.dynamics.methods import Flag, implements
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import facts, is_conservative
@@ -119,12 +118,12 @@ class Plan(NamedTuple):
         """Number of derivatives that each number of a block and of a save has."""
         return self.derivatives.at_once * self.derivatives.passes
 
-    def noise(self, members: NDArray[np.int64]) -> NoiseKeys:
+    def noise(self, members: Ints) -> NoiseKeys:
         """Return the keys of the noise of members by their indices."""
         return noise_keys(self.model.effects, self.run.seed, members)
 
     def initial(
-        self, sampler: Source, members: NDArray[np.int64], pilot: InitialMembers | None = None
+        self, sampler: Source, members: Ints, pilot: InitialMembers | None = None
     ) -> tuple[Array, Start]:
         """Build members by their indices, which fill whole lanes.
 
@@ -147,7 +146,7 @@ class Plan(NamedTuple):
             block[layout.STEPS] = count_member_steps(rate, self.grid.dt, self.run.turn)
         return self._with_tangents(block, sampler, members) if self.columns else block, start
 
-    def _with_tangents(self, block: Array, sampler: Source, members: NDArray[np.int64]) -> Array:
+    def _with_tangents(self, block: Array, sampler: Source, members: Ints) -> Array:
         """Return a block with the rows of its derivatives."""
         rows, count = block.shape
         wide = allocate_block(rows * (1 + self.columns), count)

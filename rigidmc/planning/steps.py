@@ -12,12 +12,11 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.formulas import energies, torques
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Ints
 from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.physics.dynamics.so3 import dot
 from rigidmc.physics.effects.protocol import from_numbers, parameter_count
@@ -69,7 +68,7 @@ def count_member_steps(rate: Array, interval: float, turn: float | None) -> Arra
     return np.clip(np.where(np.isfinite(steps), steps, 1.0), 1.0, MOST_OWN_STEPS)
 
 
-def order_by_steps(block: Array) -> NDArray[np.int64]:
+def order_by_steps(block: Array) -> Ints:
     """Return the order of a block's members by number of steps; equal numbers are adjacent."""
     steps = block[layout.STEPS]
     # two-byte integers are radix-sorted, 15 times as fast
@@ -142,7 +141,7 @@ class TimeGrid(NamedTuple):
     notes: tuple[str, ...] = ()
 
     @property
-    def save_steps(self) -> NDArray[np.int64]:
+    def save_steps(self) -> Ints:
         """The steps that end at a save, from 0 to the last."""
         if self.listed:
             return np.array(self.listed, np.int64)

@@ -11,10 +11,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Ints
 from rigidmc.physics.dynamics.dual_arrays import DualArray, TangentsLost, plain, zeros
 from rigidmc.planning.initial import Source, fill_initial, member_ranges
 from rigidmc.scene.derivatives import seeds_of
@@ -29,7 +28,7 @@ SAMPLING = "sample", "sample_attitude"  # methods that draw vectors of members
 def tangents_at_start(
     model: Model,
     sampler: Source,
-    members: NDArray[np.int64],
+    members: Ints,
     names: Sequence[str],
     out: Array,
     has_attitude: bool = True,

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Ints
 from rigidmc.physics.effects import label_effects
 from rigidmc.physics.observables.protocol import DIMENSIONS
 from rigidmc.results.variables import ROTATED, Variable
@@ -33,7 +33,7 @@ class Axes(NamedTuple):
     """
 
     times: Array
-    thinned: NDArray[np.int64]
+    thinned: Ints
     labels: tuple[str, ...]
     bins: tuple[tuple[str, Array, str], ...]
     dims: tuple[str, ...]
@@ -102,17 +102,17 @@ class Selection(NamedTuple):
 
     first: int
     size: int
-    which: NDArray[np.int64] | None = None
+    which: Ints | None = None
     block: int = 0
 
     @classmethod
-    def of(cls, members: range | NDArray[np.int64]) -> "Selection":
+    def of(cls, members: range | Ints) -> "Selection":
         """Return the members of a range of indices, or of increasing indices."""
         if isinstance(members, range):
             return cls(members.start, len(members))
         return cls(0, members.size, members)
 
-    def indices(self, first: int, count: int) -> NDArray[np.int64]:
+    def indices(self, first: int, count: int) -> Ints:
         """Return the indices of `count` members from place `first` on; beyond the end of chosen
         indices, repeat the last."""
         if self.which is None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.machine import allocate_aligned
 from rigidmc.engine.threads import Keeper
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Ints
 from rigidmc.results.layout import ResultLayout, Selection
 from rigidmc.scene.recording import Labelled
 
@@ -41,7 +41,7 @@ def kept_values(layout: ResultLayout, parts: Arrays) -> Arrays:
 
 
 def flagged_values(
-    layout: ResultLayout, members: NDArray[np.int64], parts: Arrays, status: NDArray[Any]
+    layout: ResultLayout, members: Ints, parts: Arrays, status: NDArray[Any]
 ) -> Arrays:
     """Return {variable: array, flagged members last} of the flagged members of a block, given the
     indices of all; {} if all values of all members are kept."""

@@ -9,8 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rigidmc.engine.compiler.contents import changes
 from rigidmc.engine.cuda.devices import resolve_device
@@ -19,6 +18,7 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError, PartError, warn
 from rigidmc.files.outputs import Path
 from rigidmc.inputs.amounts import read_count
+from rigidmc.inputs.arrays import Ints
 from rigidmc.planning.check import check_scene, check_starts
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.initial import make_pilot, make_sampler
@@ -153,7 +153,7 @@ class PreparedRun(SettledRun):
     def run(
         self,
         *,
-        members: int | range | NDArray[np.int64] | None = None,
+        members: int | range | Ints | None = None,
         values: Mapping[str, ArrayLike] | None = None,
         wrt: str | Iterable[str] | None = None,
         threads: int | None = None,

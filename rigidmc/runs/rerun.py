@@ -14,7 +14,7 @@ from rigidmc.files.opening import is_zarr
 from rigidmc.files.outputs import Path, refuse_existing
 from rigidmc.files.stores import is_folder
 from rigidmc.inputs.amounts import count_text, read_count
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Ints
 from rigidmc.physics.observables import OUTCOMES, bare_observables, outputs, own
 from rigidmc.physics.observables.saving import summaries
 from rigidmc.planning.saves import first_and_last, settle_saves
@@ -272,7 +272,7 @@ def _other_method(again: xr.Dataset, result: xr.Dataset, name: str) -> bool:
     return len({*methods}) == 2
 
 
-def _refuse_other_inputs(pair: Pair, members: NDArray[np.int64], source: str) -> None:
+def _refuse_other_inputs(pair: Pair, members: Ints, source: str) -> None:
     """Raise FileError for inputs (..., member) that do not follow from scene and seed.
 
     Differences from rounding in other versions are allowed.

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.kernel import layout
@@ -15,7 +14,7 @@ from rigidmc.engine.kernel.layout import LANES, whole_lanes
 from rigidmc.engine.machine import allocate_block
 from rigidmc.engine.program import NO_SAVES
 from rigidmc.errors import SceneError
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Ints
 from rigidmc.planning import monitors
 from rigidmc.planning.initial import Source, initial_block
 from rigidmc.planning.switches import cut_rows
@@ -52,7 +51,7 @@ class SegmentedRun:
         self.ends = np.unique(np.linspace(0, self.plan.grid.steps, parts + 1).astype(int))
         self._known = run.layout.by_member
 
-    def start(self, source: Source, count: int, rows: NDArray[np.int64] | None = None) -> Array:
+    def start(self, source: Source, count: int, rows: Ints | None = None) -> Array:
         """Build the block of `count` members, drawn from `source`, and more to fill lanes.
 
         rows : scene members whose rows of grids and tables the block uses; default the first ones
@@ -65,7 +64,7 @@ class SegmentedRun:
             block[plan.places.axes : plan.places.end] = start["principal_axes"]
         return fill_lanes(block)
 
-    def moved(self, block: Array, members: NDArray[np.int64], part: int) -> Array:
+    def moved(self, block: Array, members: Ints, part: int) -> Array:
         """Return a block after a part of the run, from its state before.
 
         Raises Late if the work must end before that, see `rigidmc.processes.threads.ending`.

@@ -13,7 +13,7 @@ from rigidmc.engine.kernel.layout import whole_lanes
 from rigidmc.engine.program import Program
 from rigidmc.errors import SceneError
 from rigidmc.inputs.amounts import count_text, read_count
-from rigidmc.inputs.arrays import Array, as_plain_arrays
+from rigidmc.inputs.arrays import Array, Ints, as_plain_arrays
 from rigidmc.inputs.labelled import is_labelled
 from rigidmc.planning.initial import InitialMembers, Source, Start
 from rigidmc.planning.plan import Plan
@@ -89,7 +89,7 @@ class SettledRun:
         members = self.members.indices(first, whole_lanes(count))
         return self.plan.initial(self.sampler, members, self.pilot)
 
-    def with_members(self, members: range | NDArray[np.int64]) -> Self:
+    def with_members(self, members: range | Ints) -> Self:
         """Return the run with other members: a range of indices, or increasing indices.
 
         A range gives the result of a scene with these members; indices give a selection.
@@ -105,12 +105,10 @@ class SettledRun:
         return replace(self, plan=self.plan._replace(paired=True))
 
 
-Members = int | range | NDArray[np.int64]
+Members = int | range | Ints
 
 
-def range_of_members(
-    members: Members | None,
-) -> tuple[int | range | None, NDArray[np.int64] | None]:
+def range_of_members(members: Members | None) -> tuple[int | range | None, Ints | None]:
     """Return (number or range of members, indices of some of the range or None).
 
     Raises SceneError for indices that do not increase.
@@ -125,7 +123,7 @@ def range_of_members(
     return range(int(which[0]), int(which[-1]) + 1), which
 
 
-def select_members(members: Members, run: Run, model: Model) -> range | NDArray[np.int64]:
+def select_members(members: Members, run: Run, model: Model) -> range | Ints:
     """Return the members of a prepared run; SceneError for members that its scene lacks."""
     if isinstance(members, (int, np.integer)):
         members = range(run.first, run.first + read_count(members, "members"))
@@ -186,7 +184,7 @@ def _plain(members: Any) -> Any:
     return as_plain_arrays(np.asarray(members) if is_labelled(members) else members, "run.members")
 
 
-def _indices(members: NDArray[Any]) -> NDArray[np.int64]:
+def _indices(members: NDArray[Any]) -> Ints:
     """Return the indices of requested members; SceneError unless they increase from 0 or more."""
     sound = members.ndim == 1 and members.size and members.dtype.kind in "iu"
     if not sound or members[0] < 0 or not (np.diff(members) > 0).all():

@@ -6,13 +6,11 @@ import sys
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import warn
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.inputs.amounts import read_count
+from rigidmc.inputs.arrays import Ints
 from rigidmc.planning.saves import FEW_MEMBERS, first_and_last
 from rigidmc.processes.progress import Progress, announce
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
@@ -42,7 +40,7 @@ def prepare(
     scene: Scene,
     integrator: Any = None,
     *,
-    members: int | range | NDArray[np.int64] | None = None,
+    members: int | range | Ints | None = None,
     varied: Iterable[str] = (),
     **settings: Any,
 ) -> PreparedRun:
@@ -110,7 +108,7 @@ def simulate(
     scene: Scene,
     integrator: Any = None,
     *,
-    members: int | range | NDArray[np.int64] | None = None,
+    members: int | range | Ints | None = None,
     threads: int | None = None,
     progress: Progress = False,
     output: str | os.PathLike[str] | None = None,

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, unknown
-from rigidmc.inputs.arrays import Array, is_number
+from rigidmc.inputs.arrays import Array, Ints, is_number
 from rigidmc.inputs.measured import Measured, common_unit
 from rigidmc.physics.dynamics.functions import normal_quantile
 
@@ -141,7 +140,6 @@ class Truncated(Distribution):
         return abs(above - below)
 
     def ppf(self, u: Array) -> Array:
-        """Return the quantiles of u, an array in (0, 1)."""
         law, below, above, upper = self._ends()
         at = below + u * (above - below)
         numbers: Array = np.clip(law.isf(at) if upper else law.ppf(at), *self.parameters[1:])
@@ -160,17 +158,14 @@ class Truncated(Distribution):
         return law, float(tail(low)), float(tail(high)), upper
 
     def times(self, by: float) -> "Truncated":
-        """Return the distribution of the number times a positive factor."""
         inner, low, high = self.parameters
         return Truncated(self.name, (inner.times(by), by * low, by * high))
 
     def as_table(self) -> dict[str, Any]:
-        """Return the distribution as written in a scene file."""
         inner, low, high = self.parameters
         return {**inner.as_table(), "between": [low, high]}
 
     def words(self) -> str:
-        """Return the distribution in readable notation."""
         inner, low, high = self.parameters
         return f"{inner.words()} between {low:g} and {high:g}"
 
@@ -356,7 +351,7 @@ class Mixture(Distribution):
             values[which == i] = law.ppf(inside[which == i])
         return values
 
-    def components(self, u: Array) -> tuple[NDArray[np.int64], Array]:
+    def components(self, u: Array) -> tuple[Ints, Array]:
         """Return for each u the index of its component, and the probability of its quantile."""
         shares = self.shares()
         ends = np.cumsum(shares)
@@ -366,16 +361,13 @@ class Mixture(Distribution):
         return which, np.clip(inside, 0.5**53, 1.0 - 0.5**53)
 
     def times(self, by: float) -> "Mixture":
-        """Return the distribution of the number times a positive factor."""
         return Mixture(self.name, tuple((w, law.times(by)) for w, law in self.parameters))
 
     def as_table(self) -> dict[str, Any]:
-        """Return the distribution as written in a scene file."""
         parts = [{"weight": weight, **law.as_table()} for weight, law in self.parameters]
         return {"mixture": parts}
 
     def words(self) -> str:
-        """Return the distribution in readable notation."""
         pairs = zip(self.shares(), self.parameters, strict=True)
         return " or ".join(f"{share:.3g} {law.words()}" for share, (_, law) in pairs)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError
 from rigidmc.inputs.amounts import parse_count
-from rigidmc.inputs.arrays import Array, as_plain_arrays, is_number, split_components
+from rigidmc.inputs.arrays import Array, Ints, as_plain_arrays, is_number, split_components
 from rigidmc.inputs.measured import Measured, common_unit
 from rigidmc.physics.dynamics.dual_arrays import DualArray
 from rigidmc.physics.dynamics.functions import power
@@ -50,7 +50,7 @@ class Grid:
         """Return the numbers of members first ... first + count - 1."""
         return self.of(np.arange(first, first + count))
 
-    def of(self, members: NDArray[np.int64]) -> Array:
+    def of(self, members: Ints) -> Array:
         """Return the numbers of members by their indices."""
         return self._values(members // self.stride % self.count)
 
@@ -58,7 +58,7 @@ class Grid:
         """Return where in (0, 1) between `low` and `high` the numbers of members are."""
         return (np.arange(first, first + count) // self.stride % self.count + 0.5) / self.count
 
-    def _values(self, index: NDArray[np.int64]) -> Array:
+    def _values(self, index: Ints) -> Array:
         """Return the numbers with these indices; a whole grid may not fit into memory."""
         share = (index + 0.5) / self.count
         if self.log:
@@ -223,7 +223,7 @@ def count_rows(*quantities: Any) -> int | None:
     return sizes.pop() if sizes else None
 
 
-def of_members(value: Any, members: NDArray[np.int64]) -> Any:
+def of_members(value: Any, members: Ints) -> Any:
     """Return a quantity for members by their indices: a grid or an array becomes the array of their
     numbers, anything else is unchanged."""
     if isinstance(value, Grid):

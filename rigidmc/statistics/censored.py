@@ -34,7 +34,7 @@ from scipy import special
 
 from rigidmc.errors import OptionError
 from rigidmc.files.reading import toml
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.physics.observables.saving import CENSORED, FOLLOWED, LAG
 from rigidmc.scene.toml.read import scene_text
 from rigidmc.statistics import intervals
@@ -105,9 +105,9 @@ def ends_of(dataset: Columns) -> Array:
     return ends
 
 
-def is_censored(times: Array) -> NDArray[np.bool_]:
+def is_censored(times: Array) -> Bools:
     """Whether each of signed times is censored."""
-    result: NDArray[np.bool_] = np.signbit(times) & ~np.isnan(times)
+    result: Bools = np.signbit(times) & ~np.isnan(times)
     return result
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
 from rigidmc.files.reading import toml
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.physics.dynamics.methods import argument_names
 from rigidmc.physics.observables import bare_observables, own
 from rigidmc.physics.observables.protocol import DIMENSIONS
@@ -101,11 +101,7 @@ def _labels(dataset: xr.Dataset, by: str) -> NDArray[np.generic]:
 
 
 def _interval(
-    dataset: xr.Dataset,
-    asked: Measure,
-    values: NDArray[Any],
-    who: NDArray[np.bool_],
-    confidence: float,
+    dataset: xr.Dataset, asked: Measure, values: NDArray[Any], who: Bools, confidence: float
 ) -> Estimate:
     interval = asked.interval(values, who, confidence)
     if not why_no_interval(dataset):

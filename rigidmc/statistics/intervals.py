@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy import special
 
 from rigidmc.errors import OptionError, unknown
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.scene.settings import Run
 
 METHODS = ("wilson", "clopper-pearson")
@@ -287,9 +287,7 @@ def resolution_of(run: Run) -> float:
     return resolution(run.dtype, 1.0 if run.turn else run.t_end / run.dt)
 
 
-def is_constant(
-    values: ArrayLike, axis: int | None = -1, resolved: float | None = None
-) -> NDArray[np.bool_]:
+def is_constant(values: ArrayLike, axis: int | None = -1, resolved: float | None = None) -> Bools:
     """Whether numbers along an axis are all the same to rounding, ignoring non-finite numbers;
     fewer than two numbers are the same.
 

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, nearest
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.physics.observables import monitors, statistics, word_of_observable
 from rigidmc.physics.observables.saving import FOLLOWED, is_event_time, owners_of_variables
 from rigidmc.scene.scene import Scene
@@ -157,10 +157,10 @@ class Measure(NamedTuple):
             return Condition(self.result, self.relation, self.number).answers(values)
         return np.asarray(self._plain(values), float)  # counts are integers
 
-    def asks(self, dataset: Columns) -> NDArray[np.bool_]:
+    def asks(self, dataset: Columns) -> Bools:
         """Return which members (n,) the measure selects: good members for which the condition
         holds; for the time of an event also flagged members, until the flag."""
-        is_asked: NDArray[np.bool_] = dataset["status"].values == 0
+        is_asked: Bools = dataset["status"].values == 0
         if self.result.timed and self.kind in ("p", "quantile"):
             is_asked = ~np.isnan(censored.ends_of(dataset))
         if self.given is not None:
@@ -183,9 +183,7 @@ class Measure(NamedTuple):
             self._refuse(share, float(np.nanmax(np.abs(values), initial=0.0)))
         return np.where(asked, values, np.nan).astype(float)
 
-    def interval(
-        self, values: NDArray[Any], asked: NDArray[np.bool_], confidence: float = 0.95
-    ) -> Estimate:
+    def interval(self, values: NDArray[Any], asked: Bools, confidence: float = 0.95) -> Estimate:
         """Return the Estimate from the values (..., n) of the selected members.
 
         The estimate is nan without selected members. A mean or correlation of event times is also

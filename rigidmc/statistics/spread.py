@@ -18,9 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Ints
 from rigidmc.processes.threads import Task, drop, threads_of
 from rigidmc.statistics import intervals
 
@@ -67,7 +66,7 @@ def spreads(
     rows: Sequence[Row],
     quantiles: Sequence[float],
     codes: Sequence[str] = ("status",),
-) -> tuple[dict[str, NDArray[np.int64]], list[Spread]]:
+) -> tuple[dict[str, Ints], list[Spread]]:
     """Return ({name: members with each code} of variables, Spread of each row).
 
     quantiles : numbers between 0 and 1
@@ -96,7 +95,7 @@ def spreads(
 
 def _block(
     dataset: xr.Dataset, rows: Sequence[Row], part: slice, codes: Sequence[str] = ()
-) -> tuple[list[Array], list[NDArray[np.int64]]]:
+) -> tuple[list[Array], list[Ints]]:
     """Return (numbers of the good members for each row, members with each code) of a block."""
     names = dict.fromkeys(("status", *codes, *(row.name for row in rows)))
     block = dataset[list(names)].isel(member=part)
@@ -118,7 +117,7 @@ def _finite(numbers: Array) -> Array:
 
 def _passed(
     dataset: xr.Dataset, rows: Sequence[Row], codes: Sequence[str]
-) -> Iterator[tuple[list[Array], list[NDArray[np.int64]]]]:
+) -> Iterator[tuple[list[Array], list[Ints]]]:
     """Yield the numbers and counts of all blocks in order. A thread reads the next block meanwhile;
     more threads would wait for each other in the many short reads of shards."""
     blocks, tasks = _blocks(dataset), list[Task]()

@@ -11,10 +11,9 @@ Source: Chan, Golub & LeVeque, Am. Stat. 37 (1983) 242.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import LANES
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 
 GROUP = LANES  # members; every block is a multiple of it
 BATCH = 2**13  # groups that are joined at once
@@ -39,7 +38,7 @@ class Moments(NamedTuple):
         return Moments(count, mean, squares)
 
 
-def moments_of_groups(x: Array, there: NDArray[np.bool_]) -> Array:
+def moments_of_groups(x: Array, there: Bools) -> Array:
     """Return the Moments (3, groups) of each group of numbers (n,), of which only those that are
     `there` count; the last group may be short."""
     starts = np.arange(0, x.size, GROUP)

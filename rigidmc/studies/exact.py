@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError, SceneError, SceneWarning
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.mechanics.free_top import FreeMotionType, Motion
 from rigidmc.mechanics.lagrange_steady import least_spin, steady_precession, tilt_growth
 from rigidmc.mechanics.lagrange_top import NutationRange
@@ -60,7 +60,7 @@ def compare(scene: Scene, at: float, members: int) -> list[str]:
     return lines + _beside(motion, in_principal_axes(simulate(run)))
 
 
-def _kinds(motions: Motions, good: NDArray[np.bool_]) -> str:
+def _kinds(motions: Motions, good: Bools) -> str:
     """Return a line with the kinds of motion, most frequent first."""
     names = np.concatenate([motion.kind for _, motion in motions])
     names = np.where(names == "monotone precession", "waves (monotone precession)", names)

@@ -9,10 +9,10 @@ from collections.abc import Callable
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rigidmc.errors import OptionError
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.mechanics.free_top import solve_free_top
 from rigidmc.mechanics.lagrange_steady import effective_potential
 from rigidmc.mechanics.lagrange_top import (
@@ -211,7 +211,7 @@ def euler_curves(attitude: Array) -> tuple[Array, Array, Array]:
     return theta, 0.5 * (plus + minus), 0.5 * (plus - minus)
 
 
-def _pieces(there: NDArray[np.bool_]) -> list[slice]:
+def _pieces(there: Bools) -> list[slice]:
     """Return the slices of `there` (n,) that are True without a gap."""
     ends = np.flatnonzero(np.diff(there, prepend=False, append=False))
     return [slice(*map(int, piece)) for piece in ends.reshape(-1, 2)]

@@ -5,9 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.views.figures import GREY, HALO, INK, LIGHT
 
 VIEW = np.array([0.80, 0.45, 0.40])  # toward the reader; along an axis a sphere would look flat
@@ -44,11 +43,11 @@ class Quadric(NamedTuple):
         points: Vectors = np.sqrt(self.moments.min()) * x @ self.turn.T
         return points
 
-    def is_seen(self, u: Vectors) -> NDArray[np.bool_]:
+    def is_seen(self, u: Vectors) -> Bools:
         """Return whether the reader sees the points of directions u (..., 3), which are not behind
         the surface."""
         to_eye = (u @ self.turn.T) * (EYE * TOWARD - self.points(u))  # along the normals
-        seen: NDArray[np.bool_] = to_eye.sum(-1) >= 0.0
+        seen: Bools = to_eye.sum(-1) >= 0.0
         return seen
 
     def outline(self) -> Vectors:

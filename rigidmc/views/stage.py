@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb, to_rgba
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.views.surfaces import TONES, Surface, cut
 
 EYE = 5.0  # distance of the eye from the middle, relative to the reach of the stage
@@ -40,7 +40,7 @@ class Solid:
         pieces = np.stack([line[:-1], line[1:]], 1)
         self.stick = pieces[~self.holds(pieces.mean(1))] if line.any() else pieces[:0]
 
-    def holds(self, points: Array) -> NDArray[np.bool_]:
+    def holds(self, points: Array) -> Bools:
         """Return whether points (n, 3) are inside: there the triangles fill the whole sphere.
 
         Solid angles of triangles: van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125.
@@ -50,7 +50,7 @@ class Solid:
         volume = (a * np.cross(b, c)).sum(-1)
         product = la * lb * lc + (a * b).sum(-1) * lc + (b * c).sum(-1) * la + (c * a).sum(-1) * lb
         half = np.arctan2(volume, product).sum(-1)  # 2 pi inside, 0 outside
-        inside: NDArray[np.bool_] = np.abs(half) > np.pi
+        inside: Bools = np.abs(half) > np.pi
         return inside
 
 

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import STATUSES
 from rigidmc.errors import OptionError
 from rigidmc.files.reading import toml
+from rigidmc.inputs.arrays import Ints
 from rigidmc.physics.observables.saving import is_event_time
 from rigidmc.results.labels import count_text, units_text
 from rigidmc.scene.drifts import LAWS, one_way
@@ -88,7 +88,7 @@ def _measured(dataset: xr.Dataset, text: str, confidence: float) -> str:
         raise
 
 
-def _flagged(counts: NDArray[np.int64]) -> str:
+def _flagged(counts: Ints) -> str:
     """Return a line on the number of flagged members and the reasons; counts : of each status."""
     flags = [f"{counts[i]:,} {word}" for word, i in STATUSES.items() if i and counts[i]]
     if not flags:

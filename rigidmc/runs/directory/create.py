@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.kernel.layout import BLOCK
@@ -31,6 +30,7 @@ from rigidmc.files.outputs import (
 from rigidmc.files.stores import Store, is_url
 from rigidmc.files.user_code import sources_of
 from rigidmc.inputs.amounts import read_seconds
+from rigidmc.inputs.arrays import Ints
 from rigidmc.planning.initial import initial_block, make_sampler
 from rigidmc.results.layout import ResultLayout
 from rigidmc.results.sinks import Arrays
@@ -59,7 +59,7 @@ class MemberSelection(NamedTuple):
     level : level of these members, stored in run.json for the search that chooses the next
     """
 
-    members: NDArray[np.int64]
+    members: Ints
     shard: int
     level: int
 

@@ -4,12 +4,11 @@ import hashlib
 import json
 from typing import Annotated, Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from rigidmc.errors import FileError, in_file
 from rigidmc.files.reading import json_of, text_of
+from rigidmc.inputs.arrays import Ints
 from rigidmc.scene.scene import Scene
 
 FORMAT = 1
@@ -80,7 +79,7 @@ def facts_text(facts: dict[str, Any]) -> str:
     return json.dumps({**facts, "check": check}, indent=1) + "\n"
 
 
-def selection_facts(members: NDArray[np.int64]) -> dict[str, Any]:
+def selection_facts(members: Ints) -> dict[str, Any]:
     """Return the facts of chosen members for run.json; members.i64 has their indices, eight bytes
     each."""
     data = members.astype("<i8").tobytes()

@@ -38,7 +38,6 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from rigidmc.errors import FileError, OutputExists, SceneWarning
@@ -47,6 +46,7 @@ from rigidmc.files.opening import data_bytes, open_below, open_plain, open_regul
 from rigidmc.files.outputs import Path, clear, is_part
 from rigidmc.files.reading import bytes_of, json_of
 from rigidmc.files.stores import Store, is_url, join
+from rigidmc.inputs.arrays import Ints
 from rigidmc.runs.directory.facts import Count, read_facts, selection_facts
 
 _SHARD = re.compile(r"([0-9]{8})-([0-9]{1,12})-([0-9a-f]{16})\.nc")
@@ -138,7 +138,7 @@ class RunDirectory:
         return -(-int(self.facts["members"]) // int(self.facts["shard"]))
 
     @cached_property
-    def chosen(self) -> NDArray[np.int64] | None:
+    def chosen(self) -> Ints | None:
         """The indices of the members; None if they are a range. FileError if they were changed.
 
         If a run was killed while growing, the disk may have more indices than run.json states.
@@ -161,7 +161,7 @@ class RunDirectory:
         low = first + i * self.facts["shard"]
         return range(low, min(low + self.facts["shard"], end))
 
-    def members(self, i: int) -> range | NDArray[np.int64]:
+    def members(self, i: int) -> range | Ints:
         """Return the indices of the members of shard i: their places, unless members are chosen."""
         places = self.places(i)
         return places if self.chosen is None else self.chosen[places.start : places.stop]
@@ -254,13 +254,13 @@ class RunDirectory:
             rule = f"{what} needs a lock, and stores have none: {cure}"
             raise FileError(rule, at="run", value=self.path)
 
-    def missing(self) -> NDArray[np.int64]:
+    def missing(self) -> Ints:
         """Return the numbers of the missing shards, 8 bytes each."""
         gone = np.ones(self.count, bool)
         gone[list(self.shards())] = False
         return np.flatnonzero(gone)
 
-    def missing_in(self, only: range) -> NDArray[np.int64]:
+    def missing_in(self, only: range) -> Ints:
         """Return the numbers of the missing shards of a range."""
         missing = self.missing()
         return missing[(missing >= only.start) & (missing < only.stop)]

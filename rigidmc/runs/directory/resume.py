@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator, Sized
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.cuda.devices import resolve_device
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path, make_durable, write_bytes
 from rigidmc.inputs.amounts import count_text, read_count, read_seconds
+from rigidmc.inputs.arrays import Ints
 from rigidmc.processes.progress import Progress, announce
 from rigidmc.processes.threads import Late, ending
 from rigidmc.runs.directory.cluster import Resume, compute_on, parse_cluster
@@ -108,7 +108,7 @@ def read_resume(
 
 
 @contextlib.contextmanager
-def resumed(directory: RunDirectory, how: Resume) -> Iterator[NDArray[np.int64]]:
+def resumed(directory: RunDirectory, how: Resume) -> Iterator[Ints]:
     """Hold the lock of a run directory, and yield the numbers of its missing shards; FileError for
     other versions than those at the start."""
     check_versions(directory, how.accept)
@@ -116,17 +116,13 @@ def resumed(directory: RunDirectory, how: Resume) -> Iterator[NDArray[np.int64]]
         yield missing_of(directory, how.only)
 
 
-def missing_of(directory: RunDirectory, only: range | None) -> NDArray[np.int64]:
+def missing_of(directory: RunDirectory, only: range | None) -> Ints:
     """Return the numbers of the missing shards, or of the missing ones in a range."""
     return directory.missing() if only is None else directory.missing_in(only)
 
 
 def _refuse_hopeless(
-    directory: RunDirectory,
-    run: PreparedRun,
-    numbers: NDArray[np.int64],
-    machine: Machine,
-    cluster: str | None,
+    directory: RunDirectory, run: PreparedRun, numbers: Ints, machine: Machine, cluster: str | None
 ) -> None:
     """Raise NoRoom if shards of a run need more memory or disk than is free here. Workers on other
     computers have their own memory, so nothing is refused for them."""
@@ -168,7 +164,7 @@ def keep_journal(
     return flagged
 
 
-def add_members(directory: RunDirectory, members: NDArray[np.int64], level: int) -> RunDirectory:
+def add_members(directory: RunDirectory, members: Ints, level: int) -> RunDirectory:
     """Add members, by their indices, to a run of chosen members; level 0 completes the run.
 
     All existing shards must be complete. The longer list of members, which includes the old one, is

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from queue import SimpleQueue
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.cuda.devices import is_gpu
 from rigidmc.engine.kernel.layout import BLOCK, LANES
 from rigidmc.errors import FileError, RigidmcError
 from rigidmc.files.netcdf import read
 from rigidmc.files.stores import local_copy
+from rigidmc.inputs.arrays import Ints
 from rigidmc.processes.progress import say
 from rigidmc.processes.threads import Task, Threads, drop, ending, is_late
 from rigidmc.results.sinks import Arrays, MemorySink, Sink
@@ -32,7 +32,7 @@ TIME = 120.0  # seconds of one thread for a shard
 SLOW = 1e-6  # seconds of a slow member-step; few shipped methods take as long
 MANY = 10**5  # largest number of shards that TIME may cause
 
-Numbers = Sequence[int] | NDArray[np.int64]  # of shards
+Numbers = Sequence[int] | Ints  # of shards
 
 
 def shard_members(run: PreparedRun, size: float = SHARD) -> tuple[int, int]:

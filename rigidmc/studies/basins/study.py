@@ -41,11 +41,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from rigidmc.errors import OptionError
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.planning.initial import members_at_start, uncertain_numbers
 from rigidmc.results.labels import count_text
 from rigidmc.results.variables import variables_of
@@ -110,7 +109,7 @@ def scene_of_neighbours(scene: Scene, options: BasinOptions, settings: Mapping[s
     return scene
 
 
-def exponent(uncertain: NDArray[np.bool_], largest: float, confidence: float = 0.95) -> Interval:
+def exponent(uncertain: Bools, largest: float, confidence: float = 0.95) -> Interval:
     """Return alpha with its interval, from the families that are uncertain at each of DISTANCES.
 
     uncertain : (distances, families);  largest : the fraction if ends did not depend on starts
@@ -173,7 +172,7 @@ def fitted_line(study: xr.Dataset) -> Array:
     return np.asarray(np.exp(line))
 
 
-def is_resolved(model: Model, run: Run) -> NDArray[np.bool_]:
+def is_resolved(model: Model, run: Run) -> Bools:
     """Return for each of DISTANCES whether perturbed starts differ from their member by more than
     rounding, RESOLVED times the resolution of the scene, in 95 of 100 families.
 

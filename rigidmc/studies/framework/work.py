@@ -74,7 +74,6 @@ class Direct(StudyWork):
 
     @property
     def keywords(self) -> dict[str, tuple[str, str]]:
-        """{keyword of its function: (type, text)}."""
         threads = "number of threads; by default one for each core"
         return {"threads": ("int", threads), "progress": ("bool or callable", self.progress)}
 

@@ -35,11 +35,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.optimize import elementwise
 
 from rigidmc.errors import OptionError, nearest
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Ints
 from rigidmc.results.labels import column_head, count_text
 from rigidmc.runs.resources import refuse_count
 from rigidmc.scene.scene import Scene
@@ -181,7 +180,7 @@ class Oscillations(NamedTuple):
     frequency: Array
     amplitude: Array
     phase: Array
-    why: NDArray[np.int64]
+    why: Ints
     sought: Array
 
 
@@ -216,7 +215,7 @@ def oscillations(
     return Oscillations(sure, np.abs(values), np.angle(values), why, frequency)
 
 
-def _unresolved(frequency: Array, size: Array, step: float, saves: int) -> NDArray[np.int64]:
+def _unresolved(frequency: Array, size: Array, step: float, saves: int) -> Ints:
     """Return the indices in WHY of the reasons why oscillations (terms, n) are not resolved."""
     width = WIDTH * 2.0 * np.pi / ((saves - 1) * step)
     why = np.zeros(frequency.shape, np.int64)

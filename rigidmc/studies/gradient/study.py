@@ -51,10 +51,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, unknown
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.physics.observables import saved_observables
 from rigidmc.results.labels import count_text
 from rigidmc.results.variables import saved_variables, variables_of
@@ -176,7 +175,7 @@ class MemberNumbers(NamedTuple):
     half: Array
     end: Array
     scores: Array
-    is_good: NDArray[np.bool_]
+    is_good: Bools
 
 
 def _numbers(part: xr.Dataset, question: Question) -> MemberNumbers:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.linearise import steady
 from rigidmc.studies.linearise.stability import MOTION, Linearised, linearise_motions
@@ -118,7 +118,7 @@ class Problem(NamedTuple):
         motions = self._motions(states.at(kept), left[kept])
         return [m._replace(reached=int(n)) for m, n in zip(motions, reached, strict=True)]
 
-    def _solve(self, starts: States) -> tuple[States, Array, NDArray[np.bool_]]:
+    def _solve(self, starts: States) -> tuple[States, Array, Bools]:
         """Return (states, residuals) of Newton's method from each state, and which of the states
         are more symmetric than the start, with momenta that are only near those held."""
         count = starts.q.shape[1]

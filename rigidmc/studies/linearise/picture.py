@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.results.labels import axis_label, count_text, in_symbols, long_label, with_degrees
 from rigidmc.studies.linearise.stability import MOTION
 from rigidmc.views.figures import (
@@ -137,8 +137,8 @@ def _draw_branch(panels: NDArray[Any], branch: xr.Dataset, k: int, onsets: Array
 
 
 def _with_onsets(
-    value: Array, rate: Array, grows: NDArray[np.bool_], onsets: Array
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+    value: Array, rate: Array, grows: Bools, onsets: Array
+) -> tuple[Array, Array, Bools]:
     """Return the samples of a growth rate and the points where growth begins or ends: it is 0
     there, but a line between samples would miss it."""
     at = np.searchsorted(value, onsets)

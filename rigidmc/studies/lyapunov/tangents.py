@@ -11,7 +11,6 @@ from collections.abc import Generator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.arguments import NoiseKeys, SaveTarget, StepRange
@@ -20,7 +19,7 @@ from rigidmc.engine.program import Program
 from rigidmc.engine.program_spec import Derivatives
 from rigidmc.engine.threads import run_blocks
 from rigidmc.errors import OptionError
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Ints
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.steps import order_by_steps, rate_bounds
 from rigidmc.runs.assemble import make_program
@@ -147,7 +146,7 @@ class TangentProgram:
         is flagged
     """
 
-    def __init__(self, program: Program, scale: Array, kept: NDArray[np.int64]) -> None:
+    def __init__(self, program: Program, scale: Array, kept: Ints) -> None:
         self.program, self._scale, self._growth = program, scale, TangentGrowth(scale.size)
         self._slots = {int(save): slot for slot, save in enumerate(kept)}
         self.history = {
@@ -181,7 +180,7 @@ class TangentProgram:
                     saves[slot] = np.where(healthy, getattr(self._growth, name), np.nan)
 
 
-def kept_saves(plan: Plan, keep: int) -> NDArray[np.int64]:
+def kept_saves(plan: Plan, keep: int) -> Ints:
     """Return the saves at which the growth is kept: every `keep`-th one, and the last."""
     last = plan.grid.saves - 1
     return np.unique(np.append(np.arange(keep, last, keep), last))

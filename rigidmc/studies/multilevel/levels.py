@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.multilevel.corrections import (
@@ -115,7 +115,7 @@ def paths(setup: MultilevelSetup, level: int) -> Iterator[PreparedRun]:
         yield prepare_scene(coarse).with_paired_noise()
 
 
-def _summed(values: Array, good: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
+def _summed(values: Array, good: Bools) -> dict[str, NDArray[Any]]:
     """Return the sums of the members of a batch."""
     there = good & np.isfinite(values)
     kept = values[there]

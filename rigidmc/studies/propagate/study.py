@@ -46,10 +46,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Ints
 from rigidmc.mechanics.rotation import product, rotation_vector
 from rigidmc.planning.saves import first_and_last
 from rigidmc.processes.progress import reporter
@@ -285,7 +284,7 @@ def compute(
 
 def compare(
     inputs: Input, of: tuple[str, ...], nominal: xr.Dataset, jacobian: Array,
-    at: NDArray[np.int64], threads: int | None,
+    at: Ints, threads: int | None,
 ) -> tuple[int, dict[str, Array]]:  # fmt: skip
     """Return (number of good members, variables of the ensemble).
 

@@ -8,19 +8,17 @@ values whose members come nearest.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.streams import uniforms
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Ints
 from rigidmc.planning.initial import random_dimensions
 from rigidmc.runs.resources import refuse_count
 from rigidmc.runs.segments import SegmentedRun
 from rigidmc.scene.sampling import FixedPoints, RandomDimension
 from rigidmc.studies.rare.score import Score
 
-Indices = NDArray[np.int64]
 PARTS = 128  # parts of the run; members are scored and may branch at the end of each
 # Fraction of the members dropped at a level. The variance is 14 % above that of a vanishing
 # fraction (5 % with 0.1). Each level costs a fixed time; there are 2.7 times fewer than with 0.1.
@@ -76,7 +74,7 @@ class SplittingPaths:
         everyone = np.arange(count)
         self._go_on(everyone, everyone, np.zeros(count, int))
 
-    def branch(self, ended: Indices, parents: Indices, level: float) -> None:
+    def branch(self, ended: Ints, parents: Ints, level: float) -> None:
         """Replace the paths of `ended` by copies of their parents, up to the part where the parent
         scores more than `level`, and continue each with independent noise."""
         at = (self.scores[:, parents] > level).argmax(axis=0)
@@ -88,7 +86,7 @@ class SplittingPaths:
         self._go_on(ended, np.arange(self.used, self.used + ended.size), at)
         self.used += ended.size
 
-    def _go_on(self, which: Indices, members: Indices, at: Indices) -> None:
+    def _go_on(self, which: Ints, members: Ints, at: Ints) -> None:
         """Move members, each from part `at` on; `at` is in ascending order.
 
         which : their columns;  members : their indices
@@ -117,7 +115,7 @@ def even_shares(seed: int, count: int) -> Array:
     return np.asarray((np.arange(count) + uniforms(seed, "rare.rows", 0, count, 0)[0]) / count)
 
 
-def row_of(moving: SegmentedRun, rows: int, share: Array) -> Indices:
+def row_of(moving: SegmentedRun, rows: int, share: Array) -> Ints:
     """Return the members at the fractions `share`, numbers in (0, 1), of the first `rows` members
     of a scene."""
     return np.asarray(moving.plan.run.first + np.minimum((share * rows).astype(int), rows - 1))

@@ -5,11 +5,10 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.physics.effects.protocol import is_random
 from rigidmc.physics.observables import outputs
 from rigidmc.physics.observables.protocol import Event
@@ -53,7 +52,7 @@ class Score(NamedTuple):
     event: int | None = None
     scale: float = 0.0
 
-    def reached(self, score: Array) -> NDArray[np.bool_]:
+    def reached(self, score: Array) -> Bools:
         """Return whether members with these scores have the event."""
         return score > self.goal if self.strict else score >= self.goal
 

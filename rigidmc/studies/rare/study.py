@@ -51,13 +51,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy import stats
 
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError
 from rigidmc.inputs.amounts import read_count
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.planning.initial import random_dimensions
 from rigidmc.results.labels import count_text
 from rigidmc.results.variables import variables_of
@@ -228,7 +227,7 @@ def reduce(
 
 
 def _interval(
-    p: Array, deep: NDArray[np.bool_], request: Request, confidence: float
+    p: Array, deep: Bools, request: Request, confidence: float
 ) -> tuple[float, float, float]:
     """Return (mean over the repetitions, ends of its interval).
 

@@ -21,7 +21,7 @@ from rigidmc.engine.inspection import refuse_uncompilable
 from rigidmc.engine.kernel import layout
 from rigidmc.errors import OptionError, SceneError, nearest
 from rigidmc.inputs.amounts import parse_seconds
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools, Ints
 from rigidmc.inputs.measured import in_units, quantity_text
 from rigidmc.physics.dynamics.body_axes import body_axes
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
@@ -72,7 +72,7 @@ class CrossingPaths:
     def __init__(
         self,
         scene: Scene,
-        members: NDArray[np.int64],
+        members: Ints,
         observed: Mapping[str, Any],
         departures: Departures,
         dt: float,
@@ -181,7 +181,7 @@ class Crossing(NamedTuple):
     value: float
     way: str
 
-    def happens(self, before: Array, after: Array) -> NDArray[np.bool_]:
+    def happens(self, before: Array, after: Array) -> Bools:
         """Return whether levels, values minus `value`, cross 0 between two saves."""
         up, down = (before < 0.0) & (after >= 0.0), (before > 0.0) & (after <= 0.0)
         return {"rises": up, "falls": down, "both": up | down}[self.way]
@@ -250,7 +250,7 @@ def periodic(part: xr.Dataset, observed: Mapping[str, Any]) -> dict[str, Array]:
     return {"member": members[m], "time": times[k], **columns}
 
 
-def _good(part: xr.Dataset) -> NDArray[np.bool_]:
+def _good(part: xr.Dataset) -> Bools:
     """Return whether a save (time, member) precedes the fault of its member, if any."""
     ends = np.where(part.status.values == 0, np.inf, part.status_time.values)
     return np.asarray(part.time.values[:, None] < ends)
@@ -300,7 +300,7 @@ def find_crossings(
     return {"member": members[m[which]], "time": time, **columns}, lost
 
 
-def _sought(paths: CrossingPaths, at: int, value: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _sought(paths: CrossingPaths, at: int, value: float) -> tuple[Array, Array, Bools]:
     """Find where the quantity in row `at` crosses a value on each path; return (fraction of the
     time between the saves, distance of the quantity from the value there, whether it misses it)."""
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning, unknown
+from rigidmc.inputs.arrays import Bools, Ints
 from rigidmc.mechanics.inertia import TRIANGLE
 from rigidmc.planning.saves import first_and_last
 from rigidmc.planning.tolerance.choose import choose_integrator
@@ -38,7 +38,7 @@ RESOLUTION = 256  # pixels per side of a shipped map
 
 Progress = bool | Callable[[int, int], object] | None  # True for a bar
 # (members, number computed before, number in all) -> their result
-Compute = Callable[[range | NDArray[np.int64], int, int], xr.Dataset]
+Compute = Callable[[range | Ints, int, int], xr.Dataset]
 
 
 def replicas_of(scene: Scene, x: Side, y: Side) -> int:
@@ -107,7 +107,7 @@ def run_map(
     """Compute a map in memory and return its Dataset."""
     began, run = time.perf_counter(), prepare_scene(first_and_last(map_run.scene))
 
-    def compute(members: range | NDArray[np.int64], done: int, of_all: int) -> xr.Dataset:
+    def compute(members: range | Ints, done: int, of_all: int) -> xr.Dataset:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)  # `prepare_map` gave the notes
             part = run.run(members=members, threads=threads, device=device)
@@ -126,9 +126,7 @@ def run_map(
     return finish_map(map_run, pixels).assign_attrs(seconds=time.perf_counter() - began)
 
 
-def finish_map(
-    map_run: MapRun, pixels: Pixels, computed: NDArray[np.bool_] | None = None
-) -> xr.Dataset:
+def finish_map(map_run: MapRun, pixels: Pixels, computed: Bools | None = None) -> xr.Dataset:
     """Return the Dataset of the pixels, with the theory of a shipped map; OptionError if all have
     an impossible body or start.
 

@@ -14,10 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.physics.observables.saving import CENSORED
 from rigidmc.results.labels import (
     count_text,
@@ -147,9 +146,7 @@ def _bar_label(variable: xr.DataArray, case: MapCase | None) -> str:
     return fill((in_symbols(measure) if colon else measure) + colon + words + units, 75)
 
 
-def _hatched(
-    axes: Axes, edges: Edges, mask: NDArray[np.bool_], face: str, hatch: str, words: str
-) -> Patch:
+def _hatched(axes: Axes, edges: Edges, mask: Bools, face: str, hatch: str, words: str) -> Patch:
     """Colour and hatch the pixels of a mask; return the handle for the legend."""
     grid = np.where(mask, 1.0, np.nan)
     axes.pcolormesh(*edges, grid, cmap=ListedColormap([face]), vmin=0.0, vmax=2.0, rasterized=True)

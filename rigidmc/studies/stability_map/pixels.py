@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import STATUSES
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools, Ints
 from rigidmc.physics.observables.saving import CENSORED, FOLLOWED
 from rigidmc.results.variables import Variable
 from rigidmc.scene.parameters import unit_at
@@ -40,7 +40,7 @@ class Pixels(NamedTuple):
     intervals: dict[str, Array]
     counts: NDArray[np.int32]
 
-    def at(self, source: NDArray[np.int64]) -> "Pixels":
+    def at(self, source: Ints) -> "Pixels":
         """Return Pixels in which each pixel has the values of the pixel `source` at its place."""
         intervals = {text: values[:, source] for text, values in self.intervals.items()}
         return Pixels(intervals, self.counts[:, source])
@@ -117,9 +117,7 @@ def measure_variables(measure: Measure) -> tuple[str, str, str, str]:
     return name, f"{name}_low", f"{name}_high", f"{name}_without"
 
 
-def map_dataset(
-    map_run: MapRun, pixels: Pixels, computed: NDArray[np.bool_] | None = None
-) -> xr.Dataset:
+def map_dataset(map_run: MapRun, pixels: Pixels, computed: Bools | None = None) -> xr.Dataset:
     """Return the Dataset of a map.
 
     computed : of an adaptive map, whether each pixel was computed

@@ -16,11 +16,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigidmc.engine.kernel.layout import LANES
 from rigidmc.errors import OptionError, unknown
-from rigidmc.inputs.arrays import Array
+from rigidmc.inputs.arrays import Array, Bools, Ints
 from rigidmc.statistics.measures import Measure
 from rigidmc.studies.stability_map.pixels import Pixels
 from rigidmc.studies.stability_map.question import Borders, MapRequest
@@ -31,9 +30,6 @@ CLASSES = 8  # of a measure without borders: equal parts of the range in the fir
 EDGES = 0.01, 0.99  # quantiles that define this range
 UNITS = 2**13  # most parts of a map, each a shard of its run directory
 _NEVER = -1.0  # class of a pixel without a value or without a good member
-
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 
 class Refinement(NamedTuple):

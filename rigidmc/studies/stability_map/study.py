@@ -157,7 +157,6 @@ class Maps(StudyWork):
 
     @property
     def keywords(self) -> dict[str, tuple[str, str]]:
-        """{keyword of its function: (type, text)}."""
         told = "bool or callable", "True for a bar, or a function of (members done, all)"
         return {**super().keywords, "progress": told}
 
