@@ -94,11 +94,6 @@ def _attributes(sequence: str, place: int) -> dict[str, Any]:
 def _unwrapped(ds: xr.Dataset, angles: xr.Dataset, sequence: str) -> xr.Dataset:
     """Return the angles with the first and the third unwrapped over the saves; ValueError if turns
     may be lost."""
-    for dim in ("time", "member"):
-        if dim not in ds.attitude.dims:
-            raise ValueError(
-                f"dimension {dim} is missing: select with a list, as in ds.isel({dim}=[0])"
-            )
     first, _, third = angle_names(sequence)
     refuse_lost_turns(ds, angles, sequence)
     for name in (first, third):

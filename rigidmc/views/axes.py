@@ -246,7 +246,7 @@ class ResultAxes:
         """
         from rigidmc.views.attitudes import euler_of
 
-        return euler_of(self._dataset, sequence, unwrap)
+        return euler_of(self._whole() if unwrap else self._dataset, sequence, unwrap)
 
     def unwrapped(self, name: str) -> xr.DataArray:
         """Unwrap an angle over the saves: remove the jumps of 2 pi.
