@@ -17,24 +17,11 @@ SCENES = {
     **dict.fromkeys(("run", "check", "show", "view", "body", "exact", "warm", "scenes"), ()),
     **{load_study(name).command: words_of(name) for name in STUDIES},
 }
-RESULTS = {
-    "summary": (),
-    "plot": ("-o", "x.png"),
-    "export": ("-o", "x.csv"),
-    "rerun": ("--member", "0"),
-    "animate": ("--member", "0", "-o", "x.gif"),
-    "view": (),
-    "run": (),
-    "map": (),
-}
-RUNS = {
-    "status": (),
-    "resume": (),
-    "verify": (),
-    "consolidate": ("-o", "y.nc"),
-    "extend": ("--members", "10"),
-    "merge": (),
-}
+RESULTS = {**dict.fromkeys(("summary", "view", "run", "map"), ()), "plot": ("-o", "x.png")}
+RESULTS |= {"export": ("-o", "x.csv"), "rerun": ("--member", "0")}
+RESULTS["animate"] = "--member", "0", "-o", "x.gif"
+RUNS = {**dict.fromkeys(("status", "resume", "verify", "merge"), ()), "consolidate": ("-o", "y.nc")}
+RUNS["extend"] = "--members", "10"
 # commands whose words are no files
 WORDS = {"new", "integrators", "effects", "observables", "doctor"}
 

@@ -95,13 +95,11 @@ def test_flagged_members_exit_4(tmp_path):
     failed(invoke("run", scene), 4, "flagged members: 3 step_too_large", "`status_step`")
     failed(invoke("run", scene, "--set", "run.checks=false"), 4, "flagged members: 3 non_finite")
     failed(invoke("run", scene, "--dt", "1e-159"), 3, "dt", "1e+159 steps")
-    scene.write_text(
-        scene.read_text().replace("1e160", "1.0").replace("dt=0.1", "dt=0.1\nenergy_limit=1e-12")
-    )
+    text = scene.read_text().replace("1e160", "1.0")
+    scene.write_text(text.replace("dt=0.1", "dt=0.1\nenergy_limit=1e-12"))
     failed(invoke("run", scene), 4, "flagged members: 3 energy_drift")
-    failed(
-        invoke("run", scene, "--set", "run.energy_limit=-1.0"), 3, "energy_limit", "greater than 0"
-    )
+    negative = invoke("run", scene, "--set", "run.energy_limit=-1.0")
+    failed(negative, 3, "energy_limit", "greater than 0")
 
 
 def test_a_full_disk(tmp_path):
@@ -123,13 +121,11 @@ def test_a_full_disk(tmp_path):
 
 
 def cpu_of(pid):
-    """The CPU time of a process until now [s]."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
 
 
 def cpu_of_children():
-    """The CPU time of all child processes that have ended [s]."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
@@ -197,9 +193,8 @@ def test_effects_are_priced(monkeypatch):
     from rigidmc.physics.effects import EFFECTS
     from rigidmc.runs import price
 
-    monkeypatch.setattr(
-        price, "cost_per_step", lambda *arguments: 2.5
-    )  # what it measures is compiled for minutes
+    # what it measures is compiled for minutes
+    monkeypatch.setattr(price, "cost_per_step", lambda *arguments: 2.5)
     listing = invoke("effects --measure").output
     assert "a step of rk4 on one thread: 2.50 ns for the momentum alone" in listing
     # gravity

@@ -1,6 +1,5 @@
 """What `rigidmc --help` shows, the version, and what the shell completes."""
 
-import os
 import subprocess
 import sys
 
@@ -34,11 +33,9 @@ def test_help_has_no_broken_lines():
 
 def test_every_says_what_it_means_for_a_command():
     """Of a run the first and the last state are saved by default; not so of others."""
-    texts = {
-        name: next(p.help for p in command.params if p.name == "every")
-        for name, command in typer.main.get_command(app).commands.items()
-        if any(p.name == "every" for p in command.params)
-    }
+    commands = typer.main.get_command(app).commands.items()
+    every = ((name, p.help) for name, one in commands for p in one.params if p.name == "every")
+    texts = dict(every)
     assert "the first and the last state" in texts["run"] and "first" not in texts["rerun"]
     assert "as in the run" in texts["rerun"] and "one step" in texts["section"]
     ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=2, t_end=1.0, threads=1)
@@ -104,14 +101,5 @@ def test_short_options():
 ])  # fmt: skip
 def test_the_shell_completes_scenes_integrators_and_observables(words, completed):
     count = len(words.split()) - 1
-    environment = {
-        **os.environ,
-        "_RIGIDMC_COMPLETE": "complete_bash",
-        "COMP_WORDS": words,
-        "COMP_CWORD": str(count),
-    }
-    line = "from rigidmc.cli import app; app(prog_name='rigidmc')"
-    done = subprocess.run(
-        [sys.executable, "-c", line], env=environment, capture_output=True, text=True
-    )
-    assert done.stdout.strip() == completed, done.stderr
+    known = {"_RIGIDMC_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(count)}
+    assert invoke("", env=known, prog_name="rigidmc").stdout.strip() == completed

@@ -28,9 +28,8 @@ def test_controls_are_shown_as_escapes():
     safe = "\\x1b]0;title\\x07\\x1b[2J\\x9b31m\\u202egnp.exe\\r\\x00\\x7f"
     assert terminal_text(EVIL) == safe
     assert terminal_text("plain |L|², Größe\té\n") == "plain |L|², Größe\té\n"
-    assert str(
-        SceneError(EVIL, at=f"{EVIL}.{EVIL}", value=EVIL, nearest=EVIL, file=EVIL)
-    ).isprintable()
+    error = SceneError(EVIL, at=f"{EVIL}.{EVIL}", value=EVIL, nearest=EVIL, file=EVIL)
+    assert str(error).isprintable()
     out = io.StringIO()
     print(EVIL, file=Stream(out))
     assert out.getvalue() == safe + "\n"

@@ -30,9 +30,8 @@ def written(tmp_path_factory):
 
         def add(name, dims, values, pieces=None, **more):
             pieces = pieces or values.shape
-            variable = file.createVariable(
-                name, values.dtype, dims, chunksizes=pieces, fletcher32=True, **more
-            )
+            more = {"chunksizes": pieces, "fletcher32": True, **more}
+            variable = file.createVariable(name, values.dtype, dims, **more)
             made[variable] = values
 
         add("one", ("member",), RANDOM.normal(size=1000))

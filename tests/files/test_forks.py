@@ -60,10 +60,6 @@ assert forks_there >= 6, forks_there
 
 @pytest.mark.parametrize("how", [0, 1])
 def test_forks_do_not_hold_or_change_what_is_written(tmp_path, how):
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", FORKS, tmp_path, str(how)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    words = [sys.executable, "-W", "ignore", "-c", FORKS, tmp_path, str(how)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr[-2000:]

@@ -30,9 +30,8 @@ def planted(tmp_path_factory):
     names = {*sys.stdlib_module_names, *metadata.packages_distributions(), *sys.modules}
     for name in {name.partition(".")[0] for name in names} | {"usercustomize", "sitecustomize"}:
         if name.isidentifier():
-            (folder / f"{name}.py").write_text(
-                f"open({str(folder / 'EXECUTED')!r}, 'a').write('{name}, ')\n"
-            )
+            code = f"open({str(folder / 'EXECUTED')!r}, 'a').write('{name}, ')\n"
+            (folder / f"{name}.py").write_text(code)
     (folder / ".numba_config.yaml").write_text("disable_jit: 1\n")
     (folder / "matplotlibrc").write_text("animation.ffmpeg_path: ./evil\naxes.facecolor: green\n")
     if hasattr(os, "mkfifo"):
@@ -48,20 +47,12 @@ def untouched(folder):
 
 def test_helpers_are_started_in_one_way():
     """Each other call of an interpreter would have to be isolated too."""
-    starts = re.compile(
-        r"Popen\(|subprocess\.(run|call|check_)|sys\.executable|os\.(system|exec|sp)"
-    )
-    found = {
-        str(file.relative_to(ROOT))
-        for file in ROOT.rglob("*.py")
-        if starts.search(file.read_text())
-    }
+    starts = re.compile(r"Popen\(|subprocess\.(run|call|check_)|executable|os\.(system|exec|sp)")
+    texts = {str(one.relative_to(ROOT)): one.read_text() for one in ROOT.rglob("*.py")}
+    found = {name for name, text in texts.items() if starts.search(text)}
     assert found == {"processes/helpers.py"}
-    users = {
-        str(file.relative_to(ROOT))[:-3].replace("/", ".")
-        for file in ROOT.rglob("*.py")
-        if re.search(r"\bstart_helper\(__name__", file.read_text())
-    }
+    users = {name for name, text in texts.items() if re.search(r"\bstart_helper\(__name__", text)}
+    users = {name[:-3].replace("/", ".") for name in users}
     assert users == set(HELPERS)
 
 
@@ -109,12 +100,10 @@ def test_settings_in_the_folder_are_not_obeyed(planted, library):
         "numba": "import numba as n; n.core.config.reload_config(); print(n.config.DISABLE_JIT)",
     }[library]
     apart = "from rigidmc.cli.app import keep_apart; keep_apart(); "
-    told = [
-        subprocess.run(
-            [sys.executable, "-P", "-c", first + asked], cwd=planted, capture_output=True, text=True
-        ).stdout.strip()
-        for first in ("", apart)
-    ]
+    more = {"cwd": planted, "capture_output": True, "text": True}
+    codes = (asked, apart + asked)
+    runs = [subprocess.run([sys.executable, "-P", "-c", code], **more) for code in codes]
+    told = [run.stdout.strip() for run in runs]
     assert told == {"matplotlib": ["./evil", "ffmpeg"], "numba": ["1", "0"]}[library]
 
 

@@ -40,7 +40,7 @@ from tests.tools.faulty import LINUX, limited
 pytestmark = LINUX
 
 SCENE = rm.Scene(
-    rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(0.1, 1.0, rm.normal(0.0, 0.1)))
+    rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(0.1, 1.0, rm.normal(0.0, 0.1)))
 ).with_run(integrator="rk4", dt=0.05, t_end=1.0, members=100, save=("omega",))
 STUDY = xr.Dataset({"error": ("n", np.arange(3.0))})
 OLD = b"precious"
@@ -154,9 +154,8 @@ def test_an_animation_is_complete_or_absent(tmp_path):
     with pytest.raises(OutputExists):
         animation.animate(ds, path)
     with pytest.raises(KeyboardInterrupt):  # not the error of a writer without a frame
-        animation.animate(
-            ds, path, force=True, progress=lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)
-        )
+        stop = lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)  # noqa: E731
+        animation.animate(ds, path, force=True, progress=stop)
     animation.animate(ds, path, force=True)
     assert path.read_bytes().startswith(b"GIF8") and os.listdir(tmp_path) == ["a.gif"]
 
@@ -169,12 +168,10 @@ def test_a_failure_of_ffmpeg_is_reported(tmp_path, monkeypatch):
     for script in ("cat > /dev/null; exit 1", "exit 0", "exit 1"):
         (tmp_path / "bin" / "ffmpeg").write_text(f"#!/bin/sh\n{script}\n")
         (tmp_path / "bin" / "ffmpeg").chmod(0o755)
-        told = invoke(
-            "animate", tmp_path / "r.nc", "--member", 0, "--seconds", 0.2, "-o", tmp_path / "a.mp4"
-        )
-        assert (
-            told.exit_code == 74 and told.stderr.count("rigidmc:") == 1 and "a.mp4" in told.stderr
-        ), (script, told.output)
+        words = "--member", 0, "--seconds", 0.2, "-o", tmp_path / "a.mp4"
+        told = invoke("animate", tmp_path / "r.nc", *words)
+        assert told.exit_code == 74 and told.stderr.count("rigidmc:") == 1, (script, told.output)
+        assert "a.mp4" in told.stderr
         assert isinstance(told.exception, SystemExit)
         assert sorted(os.listdir(tmp_path)) == ["bin", "r.nc"]
 
@@ -277,11 +274,8 @@ def test_a_run_without_disk_space_does_not_begin(tmp_path):
     ):
         for more in (["--threads", 7], ["--cluster", "local:9"]):
             told = invoke(*words, *more)
-            assert (
-                told.exit_code == 74
-                and "nothing was written" in told.stderr
-                and os.listdir(tmp_path) == []
-            ), told.output
+            assert told.exit_code == 74 and "nothing was written" in told.stderr, told.output
+            assert os.listdir(tmp_path) == []
     assert asked == [7, 9]
 
 
@@ -350,7 +344,6 @@ def test_a_signal_leaves_no_lock_behind():
 
 
 def has_grown(folder, size):
-    """Whether a file in a folder has more than `size` bytes; files may vanish meanwhile."""
     for path in folder.iterdir():
         with contextlib.suppress(FileNotFoundError):
             if path.stat().st_size > size:
@@ -365,13 +358,8 @@ def has_grown(folder, size):
 def test_a_second_signal_leaves_no_more_files_than_the_first(tmp_path, number, code):
     words = ["run", "dzhanibekov", "--members", "2000000", "-o", str(tmp_path / "x.nc")]
     heard = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}
-    child = subprocess.Popen(
-        [sys.executable, "-c", TWICE, *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        **heard,
-    )
+    heard |= {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    child = subprocess.Popen([sys.executable, "-c", TWICE, *words], **heard)
     end = time.monotonic() + 60
     while not has_grown(tmp_path, 10**5) and time.monotonic() < end:
         time.sleep(0.01)
@@ -388,9 +376,8 @@ def test_a_second_signal_leaves_no_more_files_than_the_first(tmp_path, number, c
 
 def test_a_broken_stream_changes_no_output(tmp_path):
     """As `python tests/tools/torture.py --outputs all`."""
-    told = torture_outputs.streams(
-        str(tmp_path), ("verify bad",), ("reader gone, unbuffered", "all closed", "full")
-    )
+    ends = "reader gone, unbuffered", "all closed", "full"
+    told = torture_outputs.streams(str(tmp_path), ("verify bad",), ends)
     assert set(told.values()) == {3}, told
 
 
@@ -406,12 +393,8 @@ def test_an_output_that_fails(tmp_path):
 def test_every_output_survives(tmp_path):
     """As `python tests/tools/torture.py --outputs all`."""
     told = torture_outputs.outputs(3, str(tmp_path), random.Random(6))
-    assert (
-        told["faults: wrong files"]
-        == told["kills: torn files"]
-        == told["kills: left behind in the end"]
-        == 0
-    )
+    bad = "faults: wrong files", "kills: torn files", "kills: left behind in the end"
+    assert [told[name] for name in bad] == [0, 0, 0]
 
 
 def test_a_command_with_all_streams_closed(tmp_path):
@@ -421,11 +404,8 @@ def test_a_command_with_all_streams_closed(tmp_path):
     assert subprocess.run(["sh", "-c", f"{run} <&- >&- 2>&-"]).returncode == 0
     with rm.open(tmp_path / "r.nc") as ds:
         assert ds.sizes["member"] == 1
-    done = subprocess.run(
-        ["sh", "-c", f"{shlex.join([*COMMAND, 'scenes'])} > /dev/full"],
-        capture_output=True,
-        text=True,
-    )
+    code = f"{shlex.join([*COMMAND, 'scenes'])} > /dev/full"
+    done = subprocess.run(["sh", "-c", code], capture_output=True, text=True)
     assert done.returncode == 74
     assert done.stderr.count("rigidmc:") == 1
     assert "No space left" in done.stderr

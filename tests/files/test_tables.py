@@ -1,4 +1,4 @@
-"""CSV tables as spreadsheets and instruments write them."""
+"""CSV tables as spreadsheets and instruments write them; files of another kind, named for it."""
 
 import warnings
 
@@ -74,9 +74,7 @@ def test_tables_are_refused(tmp_path, text):
 
 def test_numbers_keep_their_bits_over_all_pieces(tmp_path):
     """50,000 rows are three pieces; every number as Python reads it."""
-    values = np.random.default_rng(1).normal(size=50_000) * 10.0 ** np.arange(
-        50_000 // 1000
-    ).repeat(1000)
+    values = np.random.default_rng(1).normal(size=50_000) * 10.0 ** np.arange(50).repeat(1000)
     for mark, name in ((".", "a,b"), (",", "a;b")):
         lines = (f"{x!r}{name[1]}1\n".replace(".", mark) for x in values.tolist())
         (tmp_path / "t.csv").write_text(f"{name}\n" + "".join(lines))
@@ -101,3 +99,58 @@ def test_a_quaternion_of_zeros_is_named_by_its_row(tmp_path):
     (tmp_path / "q.csv").write_text("w,x,y,z\n" + "1,0,0,0\n0,1,0,0\n" * 2)
     found = rm.Scene.load(tmp_path / "s.toml").start.attitude
     assert [x.tolist() for x in found[:2]] == [[1, 0, 1, 0], [0, 1, 0, 1]]
+
+
+TEXTS = {
+    "a.sdf": ('<sdf version="1.6"/>', "an SDF file, which rigidmc does not read: convert it"),
+    "b.xml": ('<sdf version="1.6"/>', "the file of a body, not a scene: `rigidmc body"),
+    "r.urdf": ('<robot name="r"/>', "the file of a body, not a scene: `rigidmc body"),
+    "m.mjcf": ("<mujoco/>", "the file of a body, not a scene: `rigidmc body"),
+    "c.txt": ("Mass = 1 g\n", "the file of a body, not a scene: `rigidmc body"),
+    "d.stl": ("solid a\nendsolid a\n", "the file of a body, not a scene: `rigidmc body"),
+    "e.step": ("ISO-10303-21;\n", "a CAD model, which rigidmc does not read: export"),
+    "f.csv": ("a,b\n1,2\n", "a table, not a scene: a scene reads a column"),
+    "g.py": ("import os\n", "code, not a scene: a scene names a class"),
+    "h.png": ("\x89PNG", "a picture, not a scene"),
+}
+SCENE = "[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\nomega = [0.0, 1.0, 0.0]\n"
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_no_other_file_is_a_scene(name, tmp_path):
+    text, words = TEXTS[name]
+    path = tmp_path / name
+    path.write_text(text, encoding="latin-1")
+    with pytest.raises(rm.FileError) as caught:
+        rm.Scene.load(path)
+    assert f"is {words}" in str(caught.value) and name in str(caught.value)
+    with pytest.raises(rm.FileError, match=f"is {words.split(', not')[0].split(':')[0]}"):
+        rm.open(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("s.toml", SCENE, "is a scene, not a body: rm.Scene.load"),
+        ("r.nc", "", "is a result, not a body: rm.Scene.load"),
+        ("a.sdf", "<sdf/>", "is an SDF file"),
+        ("b.xml", "<sdf/>", "is an SDF file"),
+    ],
+)
+def test_no_other_file_is_a_body(name, text, words, tmp_path):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(rm.RigidmcError, match=words):
+        rm.Body.read(tmp_path / name)
+
+
+def test_a_scene_is_not_a_result_and_may_have_any_suffix(tmp_path):
+    path = tmp_path / "s.toml"
+    path.write_text(SCENE)
+    with pytest.raises(rm.FileError, match="is a scene, not a result: run it first"):
+        rm.open(path)
+    other = tmp_path / "s.txt"
+    other.write_text(SCENE)
+    assert rm.Scene.load(other).body.moments == (1.0, 2.0, 2.5)
+    other.write_text(SCENE + "[run\n")
+    with pytest.raises(rm.SceneError, match="not valid TOML"):
+        rm.Scene.load(other)

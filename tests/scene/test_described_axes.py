@@ -53,7 +53,6 @@ PLACES = np.array(
 
 
 def particles():
-    """A body of five particles, and what a hand sum says."""
     each = zip(MASSES, PLACES, strict=True)
     tensor = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in each)
     mass = MASSES.sum()
@@ -73,7 +72,6 @@ def mesh():
 
 
 def joined():
-    """A cylinder with a box beside it, turned."""
     turn, at = Rotation.from_rotvec((0.3, 0.5, 0.2)), np.array([0.2, 0.5, 0.3])
     size = np.array([0.4, 0.6, 1.0])
     body = rm.Body.cylinder(2.0, 0.5, 1.0).join(rm.Body.box(1.5, tuple(size)), tuple(at), turn)
@@ -84,12 +82,10 @@ def joined():
 
 
 def of_tensor(tensor, mass=1.0, centre=(0.0, 0.0, 0.0)):
-    """A body given by its tensor."""
     return rm.Body.from_tensor(tensor, mass, centre), tensor, mass, centre
 
 
 def of_moments(axes, moments=(1.2, 2.0, 1.7), centre=(0.1, 0.05, -0.1)):
-    """A body given by its moments about the columns of `axes`."""
     body = rm.Body(moments, 1.4, centre, tuple(map(tuple, axes.tolist())))
     return body, axes @ np.diag(moments) @ axes.T, 1.4, centre
 
@@ -109,9 +105,8 @@ BODIES = {
     "far turn": lambda: of_moments(FAR_TURN),
 }
 PRODUCT_SPREAD = 0.02
-UNCERTAIN = rm.Body.from_tensor(
-    rm.UncertainInertia(LARGE, PRODUCT_SPREAD**2 * np.eye(6)), 2.0, (0.1, -0.05, 0.08)
-)
+LAW = rm.UncertainInertia(LARGE, PRODUCT_SPREAD**2 * np.eye(6))
+UNCERTAIN = rm.Body.from_tensor(LAW, 2.0, (0.1, -0.05, 0.08))
 
 WHEEL = rm.Rotor((0.2, -0.1, 0.3), (0.02, 0.01, -0.03))
 FIELD, DIPOLE, RATE = (0.2, 0.5, -0.3), (0.3, -0.4, 0.25), 1.1
@@ -153,7 +148,6 @@ ORBIT = effects_of("gravity_gradient", "rotating_field", "energy_dissipation")
 
 
 def motion_of(body, effects, end=END, points=4001):
-    """The true motion of a body from START."""
     named = [(name_of(effect), effect) for effect in effects]
     return Motion(body, named, START["omega"], START["attitude"], end, points)
 
@@ -165,7 +159,6 @@ def outward(t, ahead=0.0):
 
 
 def field(t):
-    """The direction of the rotating field."""
     c, s = math.cos(RATE * t), math.sin(RATE * t)
     return c * FIELD[0] - s * FIELD[1], s * FIELD[0] + c * FIELD[1], FIELD[2]
 
@@ -191,20 +184,17 @@ FOUND = 2e-10  # of extremes within steps; measured 4.6e-11
 
 
 def tolerance(name):
-    """The largest error of a variable."""
     how = name.rsplit("_", 1)[-1]
     return BROAD.get(how, FOUND if how in ("min", "max") else ROUNDING)
 
 
 def check(errors, at=""):
-    """Assert that all errors of a result are those that its method has."""
     worst = {name: f"{error:.1e}" for name, error in errors.items()}
     print(at, worst)
     assert all(error <= tolerance(name) for name, error in errors.items()), (at, worst)
 
 
 def observables(directions, orbit):
-    """The observables of a scene: passages and angles about these directions, flips, histograms."""
     cones = [rm.Passage(1 + i % 3, 0.8, about=a) for i, (a, _) in enumerate(directions)]
     cones += [rm.Passage(-1 - i % 3, 1.2, about=a) for i, (a, _) in enumerate(directions[:2])]
     angles = [rm.PointingAngle(SLANTED, about=a) for a, _ in directions]
@@ -214,7 +204,6 @@ def observables(directions, orbit):
 
 
 def simulated(body, effects, directions=EVERYWHERE, orbit=False, **more):
-    """A result with everything that a scene can save."""
     seen = observables(directions, orbit)
     scene = rm.Scene(body, effects, rm.Start(**START), observables=seen)
     saved = ["omega", "momentum", "attitude", "energy", "nutation", "precession"]
@@ -225,7 +214,6 @@ def simulated(body, effects, directions=EVERYWHERE, orbit=False, **more):
 
 
 def size_of(x):
-    """The largest number, with 1 as the least unit."""
     return max(1.0, float(np.abs(x).max()))
 
 
@@ -259,9 +247,8 @@ def compare(ds, body, effects, directions=EVERYWHERE, orbit=False, member=0, tur
         whole = get(motion.states)
         mean = motion.mean(whole)
         note(f"{name}_mean", one[f"{name}_mean"].values, mean)
-        note(
-            f"{name}_variance", one[f"{name}_variance"].values, motion.mean((whole.T - mean).T ** 2)
-        )
+        variance = motion.mean((whole.T - mean).T ** 2)
+        note(f"{name}_variance", one[f"{name}_variance"].values, variance)
         for k in range(3):
             low, high = motion.extremes(lambda t, y, k=k, get=get: get(y)[k])
             note(f"{name}_min", one[f"{name}_min"].values[k], low)
@@ -302,12 +289,10 @@ def compare(ds, body, effects, directions=EVERYWHERE, orbit=False, member=0, tur
 
 
 def labelled(name, i):
-    """The name of the variable of observable number i of a kind."""
     return f"{name}_{i + 1}" if i else name
 
 
 def note_events(note, one, names, i, times):
-    """Compare the number, the first and the last time of an event."""
     count, first, last = (one[labelled(name, i)].item() for name in names)
     note(names[0], count, len(times))
     if times and count:
@@ -316,12 +301,10 @@ def note_events(note, one, names, i, times):
 
 
 def about_centre(tensor, mass, centre):
-    """The tensor about the centre of mass, by Steiner's theorem."""
     return np.array(tensor) - moved(np.zeros((3, 3)), mass, centre)
 
 
 def tensors(ds):
-    """The tensors (3, 3) of the members of a result, in its axes."""
     turns = Rotation.from_quat(ds.principal_axes.transpose("member", "quat"), scalar_first=True)
     moments = ds.moments.transpose("member", "axis").values
     return [turned(m, a) for m, a in zip(moments, turns, strict=True)]
@@ -345,13 +328,11 @@ def test_free_bodies_in_closed_form(name):
 
 
 def turned_apart(one, true):
-    """The largest error of the saved attitudes of a member."""
     q = one.attitude.transpose("quat", "time").values
     return np.abs(q * np.sign((q * true).sum(0)) - true).max()
 
 
 def states_apart(one, motion):
-    """{name: error} of the saved states of a member."""
     y = motion.solution(one.time.values)
     errors = {"attitude": turned_apart(one, motion.attitude(y))}
     for name in ("omega", "momentum"):
@@ -362,7 +343,6 @@ def states_apart(one, motion):
 
 
 def own_bodies(ds):
-    """The truth's bodies of the members of a result."""
     centres = ds.centre.broadcast_like(ds.moments).transpose("member", "axis").values
     masses = ds.mass.broadcast_like(ds.status).values
     each = zip(tensors(ds), masses, centres, strict=True)
@@ -370,7 +350,6 @@ def own_bodies(ds):
 
 
 def test_rates_along_principal_axes_are_refused():
-    """One number for each principal axis cannot be given in other axes."""
     body = rm.Body.from_tensor(LARGE)
     for refused, at in (
         (rm.AxialDamping((0.1, 0.2, 0.3)), "effects.axial_damping.rates"),
@@ -414,7 +393,6 @@ def test_all_observables_of_a_body_on_an_orbit(name):
 
 @pytest.mark.slow
 def test_all_observables_of_uncertain_bodies():
-    """Each member against its own tensor."""
     directions = EVERYWHERE + IN_FIELD
     ds = simulated(UNCERTAIN, GROUND, directions, members=3)
     for member, truth in enumerate(own_bodies(ds)):
@@ -425,7 +403,6 @@ def test_all_observables_of_uncertain_bodies():
 @pytest.mark.filterwarnings("ignore:.*has no effect")  # a sphere dissipates nothing
 @pytest.mark.parametrize("name", EFFECTS)
 def test_every_effect(name):
-    """Each effect alone, of every body."""
     worst, effects = {}, EFFECTS[name]
     for body_name, make in BODIES.items():
         body, tensor, mass, centre = make()

@@ -44,9 +44,8 @@ def test_an_uncertain_tensor_moves_with_its_covariance(size):
     rng = np.random.default_rng(3)
     ways = rng.normal(size=(10, 10)) * np.array([0.02] * 6 + [1e-3] * 3 + [0.02])[:, None]
     covariance = (ways @ ways.T)[:size, :size]
-    body = rm.Body.from_tensor(
-        rm.UncertainInertia(TENSOR, covariance), MASS, tuple(CENTRE), about="centre"
-    )
+    law = rm.UncertainInertia(TENSOR, covariance)
+    body = rm.Body.from_tensor(law, MASS, tuple(CENTRE), about="centre")
     mean = np.array([*inertia.elements(TENSOR), *CENTRE, MASS])
     drawn = np.tile(mean, (50_000, 1))
     drawn[:, :size] += rng.multivariate_normal(np.zeros(size), covariance, len(drawn))
@@ -59,10 +58,8 @@ def test_an_uncertain_tensor_moves_with_its_covariance(size):
     assert size == 6 or unmoved > 0.1  # measured 0.60, 0.64
     off = np.array(inertia.elements(body.moments.mean)) - truth.mean(1)
     assert np.abs(off).max() < 5e-3  # of 22: second order; measured 1.8e-3
-    assert np.array_equal(
-        np.array(inertia.elements(body.moments.mean)),
-        inertia.elements(inertia.about_point(TENSOR, MASS, CENTRE)),
-    )
+    moved_mean = inertia.elements(inertia.about_point(TENSOR, MASS, CENTRE))
+    assert np.array_equal(np.array(inertia.elements(body.moments.mean)), moved_mean)
 
 
 def test_a_body_keeps_whether_its_mass_is_given():

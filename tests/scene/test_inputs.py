@@ -131,9 +131,8 @@ def masked(x):
 
 
 def named(x):
-    return np.array(
-        list(map(tuple, np.atleast_2d(x))), [(f"w{i}", float) for i in range(x.shape[-1])]
-    )
+    names = [(f"w{i}", float) for i in range(x.shape[-1])]
+    return np.array(list(map(tuple, np.atleast_2d(x))), names)
 
 
 # {what: (of an array, a word of the message)}
@@ -195,13 +194,8 @@ def test_every_plain_array_of_the_same_numbers_is_the_same(door, tmp_path):
     wanted = repr(take(array))
     file = np.memmap(tmp_path / "x", float, "w+", shape=array.shape)
     file[:] = array
-    same = [
-        np.ma.masked_array(array, False),
-        np.ma.masked_array(array),
-        array.astype(np.longdouble),
-        np.asfortranarray(array),
-        file,
-    ]
+    plain, wide = np.ma.masked_array(array), array.astype(np.longdouble)
+    same = [np.ma.masked_array(array, False), plain, wide, np.asfortranarray(array), file]
     if (array == array.astype(np.float32)).all():
         same.append(array.astype(np.float32))
     for one in same:

@@ -27,43 +27,34 @@ DEGREE = np.pi / 180.0
 
 
 def spin(text):
-    """omega of a scene, from its TOML."""
     return rm.Scene.loads(f"{BODY}start.omega = {text}").start.omega
 
 
-@pytest.mark.parametrize(
-    ("text", "factor"),
-    [
-        ("deg/s", constants.degree),
-        ("°/s", constants.degree),
-        ("rpm", 2.0 * np.pi / 60.0),
-        ("rev/h", 2.0 * np.pi / constants.hour),
-        ("arcsec", constants.arcsec),
-        ("arcmin", constants.arcmin),
-        ("g mm2", 1e-9),
-        ("g·mm²", 1e-9),
-        ("g*mm**2", 1e-9),
-        ("lb in^2", constants.lb * constants.inch**2),
-        ("slug ft2", constants.slug * constants.foot**2),
-        ("oz", constants.oz),
-        ("lbf in", constants.lbf * constants.inch),
-        ("N m s", 1.0),
-        ("mN m/deg", 1e-3 / constants.degree),
-        ("m/s/s", 1.0),
-        ("ft/s2", constants.foot),
-        ("J/(kg m)", 1.0),
-        ("km^3 s^-2", 1e9),
-        ("1/d", 1.0 / constants.day),
-        ("uT", 1e-6),
-        ("µT", 1e-6),
-        ("G", 1e-4),
-        ("mA m2", 1e-3),
-        ("g/cm3", 1e3),
-        ("%", 0.01),
-    ],
-)
-def test_factors(text, factor):
-    assert unit_of(text).factor == pytest.approx(factor, rel=4e-16)  # measured 2.2e-16
+FACTORS = {  # {texts of a unit: its number of SI units}
+    "deg/s; °/s": constants.degree,
+    "rpm": 2.0 * np.pi / 60.0,
+    "rev/h": 2.0 * np.pi / constants.hour,
+    "arcsec": constants.arcsec,
+    "arcmin": constants.arcmin,
+    "g mm2; g·mm²; g*mm**2": 1e-9,
+    "lb in^2": constants.lb * constants.inch**2,
+    "slug ft2": constants.slug * constants.foot**2,
+    "oz": constants.oz,
+    "lbf in": constants.lbf * constants.inch,
+    "N m s; m/s/s; J/(kg m)": 1.0,
+    "mN m/deg": 1e-3 / constants.degree,
+    "ft/s2": constants.foot,
+    "1/d": 1.0 / constants.day,
+}
+POWERS = {"km^3 s^-2": 9, "uT; µT": -6, "G": -4, "mA m2": -3, "g/cm3": 3, "%": -2}  # of ten
+FACTORS |= {text: float(f"1e{power}") for text, power in POWERS.items()}
+
+
+@pytest.mark.parametrize("texts", FACTORS)
+def test_factors(texts):
+    for text in texts.split("; "):
+        # measured 2.2e-16
+        assert unit_of(text).factor == pytest.approx(FACTORS[texts], rel=4e-16), text
 
 
 def test_decimal_units_round_once():
@@ -106,26 +97,14 @@ def test_texts_that_are_no_units(text, words, right):
         assert error.value.nearest == right
 
 
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        ("10 deg/s", ("10", "deg/s")),
-        ("-.5e-3kg m2", ("-.5e-3", "kg m2")),
-        ("1e3 m", ("1e3", "m")),
-        ("10 1/s", ("10", "1/s")),
-        ("5 °", ("5", "°")),
-        ("11/s", None),
-        ("1e999", None),
-        ("1e+3000 m", None),
-        ("9.81", None),
-        ("vertical", None),
-        ("1979-05-27", None),
-        ("1, 2", None),
-        ("inf m", None),
-    ],
-)
-def test_text_of_a_number_with_a_unit(text, parts):
-    assert quantity_text(text) == parts
+PARTS = {"10 deg/s": "10|deg/s", "-.5e-3kg m2": "-.5e-3|kg m2", "1e3 m": "1e3|m"}
+PARTS |= {"10 1/s": "10|1/s", "5 °": "5|°"}
+PLAIN = "11/s", "1e999", "1e+3000 m", "9.81", "vertical", "1979-05-27", "1, 2", "inf m"
+
+
+@pytest.mark.parametrize("text", [*PARTS, *PLAIN])
+def test_text_of_a_number_with_a_unit(text):
+    assert quantity_text(text) == (tuple(PARTS[text].split("|")) if text in PARTS else None)
 
 
 def test_every_unit_of_an_effect_is_known():
@@ -171,15 +150,12 @@ TABLES = {"body": {"moments": "kg m2", "mass": "kg", "centre": "m"},
 
 
 def translated(text):
-    """A unit in the notation of pint."""
-
     def word(found):
         return f"*{IN_PINT.get(found[1], found[1])}" + f"**{found[2]}" * bool(found[2])
 
     top, *below = text.split("/")
-    parts = [
-        re.sub(r" ?([A-Za-z%]+)(-?\d)?", word, part).removeprefix("*") for part in (top, *below)
-    ]
+    unit = re.compile(r" ?([A-Za-z%]+)(-?\d)?")
+    parts = [unit.sub(word, part).removeprefix("*") for part in (top, *below)]
     return "/".join(part if i == 0 else f"({part})" for i, part in enumerate(parts))
 
 
@@ -196,7 +172,6 @@ class Writer(NamedTuple):
         return text, one.to(translated(si) if si != "1" else "").magnitude
 
     def write(self, value, si):
-        """A value of a scene file in another unit."""
         unit, factor = self.other(si)
         if isinstance(value, list):
             plain = all(isinstance(x, float) for x in np.ravel(np.array(value, object)))
@@ -210,10 +185,8 @@ class Writer(NamedTuple):
         return {"value": value / factor, "unit": unit}
 
     def vector(self, value, si):
-        """A vector, or a distribution of vectors, in other units."""
-        ((name, table),) = (
-            value.items() if isinstance(value, dict) and len(value) == 1 else ((0, 0),)
-        )
+        is_one = isinstance(value, dict) and len(value) == 1
+        ((name, table),) = value.items() if is_one else ((0, 0),)
         fields = {
             "cone": {"size": si, "angle": "rad", "azimuth": "rad"},
             "sphere": {"size": si},
@@ -231,7 +204,6 @@ class Writer(NamedTuple):
 
 
 def scaled(value, key, factor):
-    """Parameters of a distribution divided by a factor."""
     if key in ("normal", "uniform", "between"):
         return [x / factor for x in value]
     if key == "grid":
@@ -242,7 +214,6 @@ def scaled(value, key, factor):
 
 
 def numbers_of(value):
-    """The numbers and words of a scene file, in order."""
     if isinstance(value, dict):
         return [x for key in sorted(value) for x in (key, *numbers_of(value[key]))]
     if isinstance(value, list):
@@ -298,28 +269,23 @@ def test_distributions_scale_with_their_unit():
         "mixture = [{ weight = 9, normal = [0, 1] }, { weight = 1, uniform = [-5, 5] }]",
         "uniform = [-5, 5]",
     ):
-        plain, law = (
-            spin(f"[{{ {text} }}, 0, 0]")[0],
-            spin(f'[{{ {text}, unit = "rpm" }}, 0, 0]')[0],
-        )
+        plain = spin(f"[{{ {text} }}, 0, 0]")[0]
+        law = spin(f'[{{ {text}, unit = "rpm" }}, 0, 0]')[0]
         np.testing.assert_allclose(law.ppf(u), plain.ppf(u) * np.pi / 30.0, rtol=1e-12, atol=1e-15)
     grid = spin('[{ grid = [0, 360, 4], unit = "deg/s" }, 0, 0]')[0]
-    np.testing.assert_allclose(
-        grid.values(), np.pi * np.array([0.25, 0.75, 1.25, 1.75]), rtol=1e-15
-    )
+    middles = np.array([0.25, 0.75, 1.25, 1.75])
+    np.testing.assert_allclose(grid.values(), np.pi * middles, rtol=1e-15)
 
 
 def test_parameters_of_vector_distributions_have_units_of_their_own():
-    cone = spin(
-        '{ cone = { axis = 3, size = "2 rpm", angle = { normal = [10, 1], unit = "deg" } } }'
-    )
+    angle = 'angle = { normal = [10, 1], unit = "deg" }'
+    cone = spin(f'{{ cone = {{ axis = 3, size = "2 rpm", {angle} }} }}')
     assert cone == rm.Cone(3, converter("rpm", "rad s-1", "").convert(2.0),
                            rm.normal(10 * DEGREE, DEGREE))  # fmt: skip
     assert spin('{ sphere = 1.0, unit = "deg/s" }') == rm.Sphere(DEGREE)
     covariance = "[[4, 1, 0], [1, 4, 0], [0, 0, 4]]"
-    whole = spin(
-        f'{{ correlated = {{ mean = [1, 2, 3], covariance = {covariance} }}, unit = "deg/s" }}'
-    )
+    law = f"correlated = {{ mean = [1, 2, 3], covariance = {covariance} }}"
+    whole = spin(f'{{ {law}, unit = "deg/s" }}')
     np.testing.assert_allclose(whole.mean, np.array([1, 2, 3]) * DEGREE, rtol=1e-15)
     np.testing.assert_allclose(whole.covariance[0], np.array([4, 1, 0]) * DEGREE**2, rtol=1e-15)
     one = spin(
@@ -374,13 +340,11 @@ def test_bodies_and_shapes():
     start = { omega = [0, 0, 1], attitude = { value = [0, 30, 0], unit = "deg" } }
     """
     one, true = rm.Scene.loads(text), rm.Body.box(0.012, (0.01, 0.02, 0.03))
-    np.testing.assert_allclose(
-        one.body.moments, true.with_pivot((0, 0, -0.015)).moments, rtol=1e-15
-    )
+    moments = true.with_pivot((0, 0, -0.015)).moments
+    np.testing.assert_allclose(one.body.moments, moments, rtol=1e-15)
     assert one.start.attitude == (0.0, 30 * DEGREE, 0.0)
-    parts = (
-        "[[body.shape]]\nsolid = 'ball'\nradius = '3 cm'\nat = { value = [1, 0, 0], unit = 'mm' }"
-    )
+    at = "at = { value = [1, 0, 0], unit = 'mm' }"
+    parts = f"[[body.shape]]\nsolid = 'ball'\nradius = '3 cm'\n{at}"
     (part,) = rm.Scene.loads(f"{AT_REST}{parts}").body.shape
     assert part.sizes == {"radius": 0.03} and part.at == (0.001, 0.0, 0.0)
 
@@ -396,10 +360,8 @@ def test_observables_and_run():
     run.turn_rate = "1 rev/s"
     """
     found = rm.Scene.loads(AT_REST + text)
-    histogram, flips, passage = (
-        next(x for x in found.observables if type(x).__name__ == name)
-        for name in ("Histogram", "Flips", "Passage")
-    )
+    found_of = {type(one).__name__: one for one in found.observables}
+    histogram, flips, passage = (found_of[name] for name in ("Histogram", "Flips", "Passage"))
     assert passage.angle == 30 * DEGREE and passage.hold == 5400.0
     assert (flips.within, histogram.high) == pytest.approx((np.pi / 3.0, np.pi / 3.0), rel=4e-16)
     assert (found.run.t_end, found.run.every) == (7200.0, 90.0)
@@ -436,18 +398,14 @@ def test_quantities_of_pint_and_astropy():
         assert (body.mass, body.centre[2]) == pytest.approx((0.003, 0.001), rel=4e-16)
         box = rm.Body.box(mass=of(12.0, "g"), size=of([1.0, 2.0, 3.0], "cm"))
         assert box.moments == pytest.approx((1.3e-6, 1e-6, 0.5e-6), rel=1e-15)
-        turning = rm.Scene(
-            box,
-            rm.Gravity(of(981.0, "cm/s2")),
-            rm.Start(omega=(0, 0, 1)),
-            rm.Run(t_end=of(2.0, "h"), turn=of(5.0, "deg")),
-            observables=(rm.Passage(3, of(30.0, "deg"), hold=of(2.0, "min")),),
-        )
+        run = rm.Run(t_end=of(2.0, "h"), turn=of(5.0, "deg"))
+        passage = rm.Passage(3, of(30.0, "deg"), hold=of(2.0, "min"))
+        spun = rm.Start(omega=(0, 0, 1))
+        turning = rm.Scene(box, rm.Gravity(of(981.0, "cm/s2")), spun, run, observables=(passage,))
         assert turning.effects[0].g == pytest.approx(9.81, rel=4e-16)
         assert turning.run.t_end == 7200.0 and turning.observables[0].hold == 120.0
-        assert rm.Body((1, 2, 3)).kinetic_energy(of([1.0, 0.0, 0.0], "deg/s")) == pytest.approx(
-            0.5 * DEGREE**2, rel=1e-15
-        )
+        energy = rm.Body((1, 2, 3)).kinetic_energy(of([1.0, 0.0, 0.0], "deg/s"))
+        assert energy == pytest.approx(0.5 * DEGREE**2, rel=1e-15)
         for wrong in (
             lambda of=of: rm.Start(omega=of([1.0, 2.0, 3.0], "mm")),
             lambda of=of: rm.Body((1, 2, 3)).kinetic_energy(of([1.0, 2.0, 3.0], "mm")),

@@ -52,9 +52,8 @@ def test_attitudes_do_not_depend_on_how_they_are_asked_for(attitude):
     start = rm.Start(omega=(0, 0, 1), attitude=attitude)
     whole = start.sample_attitude(3, 0, 4096)
     for first, count in ((0, 32), (32, 32), (64, 96), (4000, 96)):
-        assert np.array_equal(
-            start.sample_attitude(3, first, count), whole[:, first : first + count]
-        )
+        part = start.sample_attitude(3, first, count)
+        assert np.array_equal(part, whole[:, first : first + count])
     assert np.abs((whole * whole).sum(0) - 1).max() < 1e-15  # measured 5.6e-16
 
 
@@ -77,13 +76,8 @@ def test_an_attitude_in_every_notation():
     angles = (0.3, 0.7, -1.1)
     rotation = Rotation.from_euler("ZXZ", angles)
     q = rotation.as_quat(scalar_first=True)
-    forms = (
-        angles,
-        tuple(q),
-        rotation.as_matrix(),
-        rotation,
-        [list(row) for row in rotation.as_matrix()],
-    )
+    whole = rotation.as_matrix()
+    forms = angles, tuple(q), whole, rotation, [list(row) for row in whole]
     for form in forms:
         found = rm.Start(omega=(0, 0, 1), attitude=form).sample_attitude(0, 0, 32)[:, 0]
         assert min(np.abs(found - q).max(), np.abs(found + q).max()) < 3e-16
@@ -93,21 +87,18 @@ def test_an_attitude_in_every_notation():
 
 def test_a_quaternion_that_is_normalised_stays_to_the_bit():
     q = rm.Start(omega=(0, 0, 1), attitude="uniform").sample_attitude(1, 0, 4096)
-    again = rm.Start(omega=(0, 0, 1), attitude=np.ascontiguousarray(q.T)).sample_attitude(
-        1, 0, 4096
-    )
+    same = rm.Start(omega=(0, 0, 1), attitude=np.ascontiguousarray(q.T))
+    again = same.sample_attitude(1, 0, 4096)
     assert np.array_equal(q, again)
 
 
 def test_more_than_four_random_components_are_independent():
-    many = draw((rm.normal(0, 1),) * 6, 5, "effects.matrix_damping.matrix", 0, COUNT)
-    assert np.array_equal(
-        many[:4], draw((rm.normal(0, 1),) * 4, 5, "effects.matrix_damping.matrix", 0, COUNT)
-    )
+    many = draw((rm.normal(0, 1),) * 6, 5, "effects.damping.matrix", 0, COUNT)
+    four = draw((rm.normal(0, 1),) * 4, 5, "effects.damping.matrix", 0, COUNT)
+    assert np.array_equal(many[:4], four)
     assert np.abs(np.corrcoef(many) - np.eye(6)).max() < 4.5 / np.sqrt(COUNT)
-    assert np.array_equal(
-        many[:, 320:384], draw((rm.normal(0, 1),) * 6, 5, "effects.matrix_damping.matrix", 320, 64)
-    )
+    part = draw((rm.normal(0, 1),) * 6, 5, "effects.damping.matrix", 320, 64)
+    assert np.array_equal(many[:, 320:384], part)
 
 
 def test_a_mixture_has_the_density_of_its_parts_by_weight():
@@ -150,15 +141,13 @@ def test_a_truncated_law_keeps_its_digits_in_the_tails(side):
     ],
 )
 def test_laws_made_of_laws(law):
-    """Written to TOML and read again, drawn in blocks and scaled, the numbers are the same."""
-    scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), start=rm.Start(omega=(law, 1.0, 0.0)))
+    """Written to TOML and read again, drawn in blocks, the numbers are the same."""
+    scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=rm.Start(omega=(law, 1.0, 0.0)))
     again = rm.Scene.loads(scene.dumps()).start.omega[0]
     assert again == law
     whole = draw((law,), 5, "start.omega", 0, 1000)
     assert np.array_equal(draw((again,), 5, "start.omega", 0, 1000), whole)
     assert np.array_equal(draw((law,), 5, "start.omega", 320, 64), whole[:, 320:384])
-    scaled = draw((law.times(3.0),), 5, "start.omega", 0, 1000)
-    assert np.abs(scaled / (3.0 * whole) - 1).max() < 1e-14  # measured 2.3e-16
     assert "scipy" in drawn_through(scene.model, scene.run)
 
 

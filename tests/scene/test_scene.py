@@ -1,18 +1,25 @@
-"""Scenes: TOML there and back, shipped scenes, and a message for everything that can be wrong."""
+"""Scenes: TOML there and back, shipped scenes, settings, and a message for all mistakes."""
 
+import inspect
+import re
 from fractions import Fraction
+from types import NoneType
+from typing import get_args
 
 import numpy as np
 import pytest
 import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from typer.main import get_command
 
 import rigidmc as rm
 from bench.tools.mistakes import MOMENTS, TABLES
 from bench.tools.mistakes import SCENE as GOOD
+from rigidmc.cli.app import app
 from rigidmc.planning.steps import _count, make_time_grid
 from rigidmc.scene.library import shipped_names
+from rigidmc.scene.settings import Run, types
 from tests.tools.plans import plan_of
 
 # what the messages must say; MORE and the registry tell {mistake: (text replaced, replacement)}
@@ -168,21 +175,15 @@ def test_a_setting_names_a_component_of_a_vector_with_one_unit():
 
 
 def test_settings_override():
-    scene = rm.Scene.load(
-        "bruels_cardona",
-        [
-            ("effects.gravity.g", "1.62"),
-            ("body.moments", "[1, 2, 2.5]"),
-            ("run.integrator", "rkmk4"),
-        ],
-    )
+    settings = {"effects.gravity.g": "1.62", "body.moments": "[1, 2, 2.5]"}
+    scene = rm.Scene.load("bruels_cardona", {**settings, "run.integrator": "rkmk4"})
     assert scene.effects == (rm.Gravity(1.62),)
     assert scene.body.moments == (1.0, 2.0, 2.5)
     assert scene.run.integrator == "rkmk4"
 
 
 def test_effects_have_one_order():
-    body = rm.Body.from_moments((1, 2, 2.5), centre=(0, 0, 1))
+    body = rm.Body((1, 2, 2.5), centre=(0, 0, 1))
     one = rm.Scene(body, (rm.ViscousDamping(0.1), rm.Gravity(9.81)))
     assert [type(e) for e in one.effects] == [rm.Gravity, rm.ViscousDamping]
 
@@ -212,7 +213,7 @@ def test_steps_and_saves(t_end, dt, every, expected):
 
 
 def test_negative_damping_needs_a_word():
-    body, start = rm.Body.from_moments((1.0, 1.5, 2.0)), rm.Start(omega=(0.1, 0.2, 0.3))
+    body, start = rm.Body((1.0, 1.5, 2.0)), rm.Start(omega=(0.1, 0.2, 0.3))
     for effect in (
         rm.ViscousDamping(-0.1),
         rm.AxialDamping((0.1, -0.1, 0.1)),
@@ -269,3 +270,77 @@ def test_a_step_more_is_made_from_a_billionth_of_a_step_on():
     ten = Fraction(10)
     assert _count(ten * (1 + Fraction(1, 2 * 10**9))) == 10
     assert _count(ten * (1 + Fraction(2, 10**9))) == 11
+
+
+COMMANDS = get_command(app).commands
+
+
+def options_of(command):
+    return {option.name for option in COMMANDS[command].params}
+
+
+def test_every_setting_says_what_it_is():
+    for name, field in Run.model_fields.items():
+        text = field.description
+        assert text and text == text.strip() and not text.endswith("."), name
+        assert not text[0].isupper(), name
+
+
+@pytest.mark.parametrize("name", [name for name in Run.model_fields if name != "varied"])
+def test_a_setting_is_a_key_a_keyword_and_an_option(name):
+    signature = inspect.signature(rm.simulate)
+    assert name in signature.parameters
+    assert signature.parameters[name].default is None
+    assert re.search(rf"^ *{name} : ", rm.simulate.__doc__, re.MULTILINE)
+    assert name in options_of("run") and name in options_of("show")
+    (option,) = (p for p in COMMANDS["run"].params if p.name == name)
+    assert f"--{name.replace('_', '-')}" in option.opts
+    described = Run.model_fields[name].description
+    assert option.help.replace("\\[", "[").lower().startswith(described.lower())
+
+
+def test_settings_reach_the_run_from_all_three_sides(tmp_path):
+    """Each value below differs from the default, so that a setting that is dropped shows."""
+    values = {"dt": 0.02, "seed": 7, "points": "sobol", "checks": False, "thin": 3}
+    values["compress"] = True
+    assert all(Run.model_fields[name].default != value for name, value in values.items())
+    body = "[body]\nmoments = [1.0, 2.0, 3.0]\n[start]\nomega = [{ normal = [0, 1] }, 1.0, 0.0]\n"
+    texts = {k: str(v).lower() if isinstance(v, bool) else repr(v) for k, v in values.items()}
+    run = "\n".join(f"{k} = {text}" for k, text in texts.items())
+    from_file = rm.Scene.loads(f"{body}[run]\n{run}").run
+    from_python = rm.Scene.loads(body).with_run(**values).run
+    assert from_file == from_python
+    assert from_file != rm.Scene.loads(body).run
+    flags = {True: "--{}", False: "--no-{}"}
+    words = [flags.get(v, "--{}={}").format(k, v) for k, v in values.items()]
+    context = COMMANDS["show"].make_context("show", ["dzhanibekov", *words])
+    taken = {k: v for k, v in context.params.items() if k in values}
+    assert taken == values
+
+
+def test_an_unknown_keyword_is_refused_with_the_nearest():
+    scene = rm.Scene.load("dzhanibekov")
+    with pytest.raises(
+        TypeError, match=r"simulate\(\) got .* 'tolerence'; did you mean 'tolerance'"
+    ):
+        rm.simulate(scene, tolerence=1e-6)
+
+
+def test_types_are_without_none():
+    assert set(types()) == set(Run.model_fields)
+    assert not any(NoneType in get_args(kind) for kind in types().values())
+
+
+def test_rows_are_the_members_unless_a_number_is_given():
+    """A number of members was once ignored if a scene had one row per member."""
+    omega = (np.linspace(0.1, 0.5, 5), 1.0, 0.01)
+    scene = rm.Scene(rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=omega))
+    quick = {"t_end": 0.1, "integrator": "exact"}
+    assert rm.simulate(scene, **quick).sizes["member"] == 5
+    assert rm.simulate(scene, members=2, **quick).sizes["member"] == 2
+    assert rm.simulate(scene.with_run(members=3), **quick).sizes["member"] == 3
+    assert rm.simulate(scene.with_run(seed=1), **quick).sizes["member"] == 5
+    assert rm.simulate(scene.with_run(first=2), **quick).member.values.tolist() == [2, 3, 4]
+    assert rm.simulate(scene, first=2, **quick).member.values.tolist() == [2, 3, 4]
+    with pytest.raises(rm.SceneError, match="rows for only 5 members"):
+        rm.simulate(scene.with_run(members=9), **quick)

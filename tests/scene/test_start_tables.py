@@ -53,16 +53,9 @@ def test_each_member_draws_its_angles_in_degrees():
     table = """{ euler = "321", unit = "deg",
         angles = [{ grid = [0.0, 40.0, 4] }, { normal = [0.0, 2.0] }, { uniform = [-5, 5] }] }"""
     scene = loaded(table.replace("\n", ""))
-    radians = np.pi / 180.0
-    same = rm.Start(
-        omega=(0, 0, 1),
-        sequence="321",
-        attitude=(
-            rm.grid(0.0, 40.0 * radians, 4),
-            rm.normal(0.0, 2.0 * radians),
-            rm.uniform(-5.0 * radians, 5.0 * radians),
-        ),
-    )
+    laws = rm.grid(0.0, 40.0, 4), rm.normal(0.0, 2.0), rm.uniform(-5.0, 5.0)
+    angles = tuple(law.times(np.pi / 180.0) for law in laws)
+    same = rm.Start(omega=(0, 0, 1), sequence="321", attitude=angles)
     q = attitude_of(scene.start, 200)
     assert attitude_error(q, attitude_of(same, 200)).max() < 1e-15  # measured 3.3e-16
     yaw, pitch, roll = Rotation.from_quat(q, scalar_first=True).as_euler("ZYX", degrees=True).T
@@ -80,22 +73,17 @@ def test_one_row_per_member(tmp_path):
     table = '{ euler = "321", angles = { table = "a.csv", columns = ["yaw", "pitch", "roll"] } }'
     (tmp_path / "s.toml").write_text(SCENE + table)
     true = Rotation.from_euler("ZYX", angles)
-    scenes = {
-        "file": rm.Scene.load(str(tmp_path / "s.toml")),
-        "array": rm.Scene(
-            BODY, start=rm.Start(omega=(0, 0.1, 1), attitude={"euler": "ZYX", "angles": angles})
-        ),
-        "Rotation": rm.Scene(BODY, start=rm.Start(omega=(0, 0.1, 1), attitude=true)),
-        "xyzw": rm.Scene(
-            BODY,
-            start=rm.Start(
-                omega=(0, 0.1, 1), attitude={"quaternion": true.as_quat(), "order": "xyzw"}
-            ),
-        ),
-        "matrices": rm.Scene(
-            BODY, start=rm.Start(omega=(0, 0.1, 1), attitude={"matrix": true.as_matrix()})
-        ),
+    attitudes = {
+        "array": {"euler": "ZYX", "angles": angles},
+        "Rotation": true,
+        "xyzw": {"quaternion": true.as_quat(), "order": "xyzw"},
+        "matrices": {"matrix": true.as_matrix()},
     }
+    scenes = {
+        name: rm.Scene(BODY, start=rm.Start(omega=(0, 0.1, 1), attitude=attitude))
+        for name, attitude in attitudes.items()
+    }
+    scenes["file"] = rm.Scene.load(str(tmp_path / "s.toml"))
     for name, scene in scenes.items():
         ds = rm.simulate(scene, dt=0.1, t_end=0.1, save=("attitude",))
         q = ds.start_attitude.transpose("member", "quat").values
@@ -189,9 +177,8 @@ def test_show_names_the_angles():
     from rigidmc.views.descriptions import describe_scene
 
     scene = loaded('{ euler = "321", angles = [0.1, 0.2, 0.3], relative_to = "orbit" }')
-    text = describe_scene(
-        scene.with_run(dt=0.1, t_end=1.0), 1, "cpu"
-    )  # with prices, also without effects
+    # with prices, also without effects
+    text = describe_scene(scene.with_run(dt=0.1, t_end=1.0), 1, "cpu")
     assert "(321: yaw, pitch, roll) from the frame of the orbit" in text
 
 

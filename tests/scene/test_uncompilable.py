@@ -23,7 +23,7 @@ from rigidmc.protocols import (
     effect, event, linear_combination, normalised, observable, running, scaled, state_rates,
 )
 
-DICT, LIST, TEXT, SIZE = {"a": 1.0}, [1.0], "a", 2.0
+DICT, LIST, SIZE = {"a": 1.0}, [1.0], 2.0
 part = functools.partial(lambda x, y: x * y, 1.0)
 cached = functools.lru_cache(lambda x: x)
 
@@ -46,10 +46,6 @@ def wrapped(function):
 @wrapped
 def decorated(x):
     return x
-
-
-def again(x):
-    return x if x < 1.0 else again(x - 1.0)
 
 
 class Plain:
@@ -152,9 +148,8 @@ def own(kind, method, term="1.0", statement="pass"):
 
 
 def checked(kind, cls):
-    """What `check` says of a scene with a part."""
     part = cls() if kind == "integrator" else cls(1.0)
-    body, start = rm.Body.from_moments((1.0, 2.0, 2.8)), rm.Start(omega=(0.3, 2.0, 0.2))
+    body, start = rm.Body((1.0, 2.0, 2.8)), rm.Start(omega=(0.3, 2.0, 0.2))
     scene = rm.Scene(body, part if kind == "effect" else (), start)
     save = [part] if kind in ("observable", "event", "running") else ["omega"]
     integrator = part if kind == "integrator" else "rk4"

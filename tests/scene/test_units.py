@@ -99,7 +99,6 @@ def test_bodies_have_the_same_pure_numbers(mass):
 
 
 def pure(body, mass):
-    """All numbers of a body in units of this mass."""
     spin = (0.3, 1.0, -0.5)
     sizes = [body.mass, *body.moments, *np.ravel(body.tensor), body.kinetic_energy(spin)]
     sizes += [*body.angular_momentum(spin)]

@@ -21,7 +21,6 @@ def words_of(name, stored=False):
 
 
 def command_words(name):
-    """The command of the example."""
     study = load_study(name)
     return [study.command, study.example.scene, *words_of(name)]
 

@@ -1,5 +1,5 @@
 """Adaptive maps: which pixels are computed, that these are those of the whole map, and what is
-stored of a map that has not ended."""
+stored of a map that has not ended; and stacks, whose layers are maps."""
 
 import json
 import random
@@ -11,19 +11,22 @@ import rigidmc as rm
 from rigidmc.errors import FileError, OptionError
 from rigidmc.runs.directory import resume
 from rigidmc.runs.directory.folder import CHOSEN, RunDirectory, status
+from rigidmc.scene.parameters import with_parameters
+from rigidmc.studies.framework.options import read_side
 from rigidmc.studies.stability_map.compute import prepare_map
+from rigidmc.studies.stability_map.picture import stability_map
 from rigidmc.studies.stability_map.pixels import Pixels
 from rigidmc.studies.stability_map.question import make_request
 from rigidmc.studies.stability_map.refine import BEGUN, STRIDE, pixel_multiple, refine
 from rigidmc.studies.stability_map.stored import create_map, resume_growing
 from tests.tools import torture
+from tests.tools.axes import faults
 from tests.tools.commands import invoke
 from tests.tools.faulty import LINUX
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
-SCENE = rm.Scene(
-    rm.Body.from_moments((0.5, 1.0, 1.4)), start=rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 1e-3))
-)
+START = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 1e-3))
+SCENE = rm.Scene(rm.Body((0.5, 1.0, 1.4)), start=START)
 # a body turns over on the left and right, and too late below; beyond 2.4 there is none
 SIDES = ("body.moments.1", 0.2, 2.6), ("start.omega.2", 0.2, 1.5)
 OF = ("p(flips >= 1)", "median(flip_wait)")
@@ -81,7 +84,6 @@ def test_members_of_a_pixel_are_those_of_the_whole_map():
 
 
 def pixels_of(asked, values, low=None, high=None, known=None):
-    """Pixels of one measure, those that are known."""
     known = np.ones(values.shape, bool) if known is None else known
     parts = [values, values if low is None else low, values if high is None else high, 0 * values]
     found = np.where(known, parts, np.nan).reshape(4, -1)
@@ -202,3 +204,79 @@ def test_the_command_line_draws_an_adaptive_map(tmp_path):
     assert told.exit_code == 0 and "% of the pixels were computed" in told.stdout
     assert invoke(*words, "-o", tmp_path / "map.nc", "--plot", tmp_path / "map.png").exit_code == 0
     assert equal(rm.open(tmp_path / "map"), rm.open(tmp_path / "map.nc"))
+
+
+STILL = rm.Scene(SCENE.body, start=rm.Start(omega=(1e-3, 1.0, 1e-3)))
+Z, LAYERS = ("body.moments.3", 1.0, 1.45), 3
+
+
+@pytest.fixture(scope="module")
+def stack():
+    return rm.stability_map(STILL, *SIDES, OF[:1], (40, 24), 1, z=Z, layers=LAYERS, **RUN)
+
+
+def test_sides_have_units():
+    """An end in text, and a unit beside the upper end alone, which is the unit of both."""
+    x, y = ("start.omega.1", 0.0, "90 deg/s"), read_side("start.omega.2=1:10rpm:log", "y")
+    asked = make_request(x, y, OF[:1], 2, 1, scene=STILL)
+    assert asked.x == ("start.omega.1", 0.0, pytest.approx(np.pi / 2.0, rel=4e-16), False)
+    assert asked.y[1:3] == pytest.approx((np.pi / 30.0, np.pi / 3.0), rel=4e-16) and asked.y[3]
+    with pytest.raises(OptionError, match="mm is a length"):
+        make_request(("start.omega.1", 0.0, "1 mm"), y, OF[:1], 2, 1, scene=STILL)
+
+
+def test_a_layer_is_the_map_of_its_value(stack):
+    assert dict(stack.sizes) == {"z": LAYERS, "y": 24, "x": 40}
+    for k in range(LAYERS):
+        scene = STILL.with_model(with_parameters(STILL.model, {Z[0]: float(stack.z[k])}))
+        layer = rm.stability_map(scene, *SIDES, OF[:1], (40, 24), 1, **RUN)
+        assert layer.drop_attrs().identical(stack.isel(z=k, drop=True).drop_attrs())
+    assert not stack.isel(z=0, drop=True).equals(stack.isel(z=1, drop=True))
+
+
+def test_a_stack_is_stored_and_zoomed(stack, tmp_path):
+    asked = make_request(*SIDES, OF[:1], (40, 24), 1, Z, LAYERS)
+    create_map(prepare_map(asked, STILL, **RUN), tmp_path / "map")
+    resume.resume(tmp_path / "map")
+    stack.to_netcdf(tmp_path / "map.nc")
+    for name in ("map", "map.nc"):
+        found = rm.open(tmp_path / name)
+        assert found.drop_attrs().identical(stack.drop_attrs())
+    part = rm.zoom_map(tmp_path / "map.nc", (0.5, 0.9), (0.3, 0.6))
+    assert part.sizes == stack.sizes and np.array_equal(part.z, stack.z)
+    told = invoke("view", tmp_path / "map.nc", "-o", f"{tmp_path}/a.html")
+    assert told.exit_code == 3 and "cannot show a stack" in told.stderr
+
+
+def test_a_stack_may_be_adaptive(stack):
+    sides = {"z": Z, "layers": LAYERS, "adaptive": True}
+    found = rm.stability_map(STILL, *SIDES, OF[:1], (40, 24), 1, **sides, **RUN)
+    computed = found.computed.values > 0
+    name = "p(flips>=1)"
+    assert np.array_equal(found[name].values[computed], stack[name].values[computed], True)
+    assert 0.2 < computed.mean() < 0.8  # measured 0.41
+
+
+def test_a_stack_has_a_panel_for_each_layer(stack):
+    *panels, bar = (drawn := stability_map(stack)).axes
+    assert faults(drawn) == []
+    titles = [f"I₃ = {z:.4g} kg m²" for z in stack.z.values]
+    assert [panel.get_title() for panel in panels] == titles
+    assert "p(flips ≥ 1)" in bar.get_ylabel()
+    one = stack.isel(z=0).drop_vars("z").assign(computed=stack.good.isel(z=0, drop=True))
+    assert "computed: " in stability_map(one).axes[1].get_title()
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"layers": 3}, "give z"),
+        ({"z": SIDES[0]}, "is already the parameter"),
+        ({"z": ("body.moments.3", 2.0, 1.0)}, "low < high"),
+        ({"z": Z, "layers": 65}, "layers"),
+        ({"z": ("body.moment.3", 1.0, 2.0)}, "body.moments.3"),
+    ],
+)
+def test_stacks_that_are_none_are_refused(given, words):
+    with pytest.raises(rm.RigidmcError, match=words):
+        rm.stability_map(STILL, *SIDES, OF[:1], 4, 1, **given, **RUN)

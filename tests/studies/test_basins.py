@@ -33,9 +33,8 @@ def test_neighbours_are_of_other_starts_if_the_design_is_broken():
 def test_one_group_is_moved_by_the_distance():
     group = {("x", 0, i): i // 2 for i in range(3)}
     whole = NeighbourFamilies(5, group).words("x", 0, 78, 0, (0, 1, 2))[:3]
-    assert np.array_equal(
-        NeighbourFamilies(5, group).words("x", 5, 60, 0, (0, 1, 2))[:3], whole[:, 5:65]
-    )
+    part = NeighbourFamilies(5, group).words("x", 5, 60, 0, (0, 1, 2))[:3]
+    assert np.array_equal(part, whole[:, 5:65])
     assert (whole > 0.0).all() and (whole < 1.0).all()
     families = whole.reshape(3, 6, 13)
     apart = np.abs(families - families[:, :, :1])
@@ -45,9 +44,8 @@ def test_one_group_is_moved_by_the_distance():
 
 
 START = rm.Start(omega=(rm.uniform(0.0, 1.0), 0.0, rm.uniform(-1.0, 2.0)))
-PLANE = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=START).with_run(
-    integrator="rk4", t_end=0.2, dt=0.1
-)
+RUN = {"integrator": "rk4", "t_end": 0.2, "dt": 0.1}
+PLANE = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=START).with_run(**RUN)
 UP, FAST = "p(omega_last[3] >= 0)", "p(omega_last[3] > 1.5)"
 
 
@@ -130,7 +128,6 @@ def test_a_driven_pendulum():
 
 
 def period(x, v, steps=400):
-    """The state of the pendulum after a period, by rk4."""
     h = 2.0 * np.pi / steps
 
     def rate(t, x, v):

@@ -35,7 +35,6 @@ INVALID, USAGE = 3, 2
 
 
 def done(*words, codes=(0,)):
-    """What a command prints."""
     found = invoke(*words)
     assert found.exit_code in codes, found.output
     return found.output
@@ -62,7 +61,6 @@ def here(tmp_path, monkeypatch):
 
 
 def assert_same(stored, dataset):
-    """That a file has the numbers of a Dataset, to the bit, and its attributes."""
     with xr.open_dataset(stored) as found:
         assert set(found.variables) == set(dataset.variables)
         for name, variable in dataset.variables.items():
@@ -159,14 +157,10 @@ def test_variables_are_as_declared(name, studied):
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_every_study_names_its_scene_and_version(name, studied):
+def test_a_study_names_its_scene_and_version_and_is_drawn(name, studied):
     attrs = studied(name).attrs
     assert attrs["source"].startswith("rigidmc ") and attrs["title"]
     assert rm.Scene.loads(attrs["scene"])
-
-
-@pytest.mark.parametrize("name", STUDIES)
-def test_the_picture_draws(name, studied):
     figure = load_study(name).draw(studied(name))
     assert isinstance(figure, Figure)
     assert faults(figure) == []

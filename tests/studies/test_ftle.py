@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import rigidmc as rm
 from rigidmc.errors import OptionError, SceneError
@@ -12,6 +11,7 @@ from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
 from rigidmc.studies.ftle.picture import ftle_field
 from rigidmc.studies.ftle.study import STATE, FtleOptions, exponents, ftle, table
+from tests.studies.test_lyapunov import flow, in_metric, start_of
 
 TIME = 6.0
 MOMENTS, CENTRE, WEIGHT = np.array([1.0, 1.3, 0.7]), np.array([0.3, 0.1, 0.4]), 2.0
@@ -25,46 +25,12 @@ TOP = rm.Scene(
 ).with_run(integrator="rk8", dt=0.02, t_end=TIME)
 
 
-def rates(state):
-    """d/dt of (q, omega) of the top: q' = q (0, omega)/2, I omega' = I omega x omega + torque."""
-    q, w = state[:4], state[4:]
-    turn = 0.5 * np.array([
-        -q[1] * w[0] - q[2] * w[1] - q[3] * w[2],
-        q[0] * w[0] + q[2] * w[2] - q[3] * w[1],
-        q[0] * w[1] + q[3] * w[0] - q[1] * w[2],
-        q[0] * w[2] + q[1] * w[1] - q[2] * w[0],
-    ])  # fmt: skip
-    up = np.array([
-        2.0 * (q[1] * q[3] - q[0] * q[2]),
-        2.0 * (q[2] * q[3] + q[0] * q[1]),
-        q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3],
-    ])  # fmt: skip
-    torque = -WEIGHT * np.cross(CENTRE, up)
-    return np.concatenate([turn, (np.cross(MOMENTS * w, w) + torque) / MOMENTS])
-
-
-def with_tangents(t, y):
-    """d/dt of the state and of six tangents, whose matrix is by complex steps."""
-    state, tangents = y[:7], y[7:].reshape(7, 6)
-    matrix = [rates(state + 1e-30j * unit).imag / 1e-30 for unit in np.eye(7)]
-    return np.concatenate([rates(state), (np.array(matrix).T @ tangents).ravel()])
-
-
-def largest(q, w, unit):
-    """The exponent by scipy, of all changes of attitude and angular velocity."""
-    turns = [[-q[1], q[0], q[3], -q[2]], [-q[2], -q[3], q[0], q[1]], [-q[3], q[2], -q[1], q[0]]]
-    first = np.zeros((7, 6))
-    first[:4, :3], first[4:, 3:] = 0.5 * np.array(turns).T, np.eye(3) / unit
-    start = np.concatenate([q, w, first.ravel()])
-    end = solve_ivp(with_tangents, (0.0, TIME), start, "DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
-    last = end[7:].reshape(7, 6) * np.array([2.0] * 4 + [unit] * 3)[:, None]
-    return np.log(np.linalg.svd(last, compute_uv=False)[0]) / TIME
-
-
-def starts(study):
-    """(q, omega) of the members of a study of TOP."""
-    ends = rm.simulate(TOP, members=study.sizes["family"], points="sobol", save=("attitude",))
-    return zip(ends.start_attitude.values.T, ends.start_omega.values.T, strict=True)
+def largest(scene, count, unit):
+    """The exponents by scipy, of all changes of attitude and angular velocity."""
+    y, (moments, centre), _ = start_of(scene.with_run(points="sobol"), count)
+    end = flow(y, (moments, WEIGHT * centre), TIME)
+    one, two = (in_metric(state, moments / unit) for state in (y, end))
+    return np.log(np.linalg.svd(two @ np.linalg.inv(one), compute_uv=False)[:, 0]) / TIME
 
 
 @pytest.mark.slow
@@ -72,7 +38,7 @@ def test_a_heavy_top_has_the_tangent_map_of_scipy():
     """All six numbers of a start change; neighbours were right to 6e-8, and in float32 to 0.04."""
     study = rm.ftle(TOP, 5, unit=0.7)
     assert study.attrs["left_out"] == 0
-    true = np.array([largest(q, w, 0.7) for q, w in starts(study)])
+    true = largest(TOP, 5, 0.7)
     assert np.abs(study.ftle.values - true).max() < 3e-11  # measured 1.5e-12
     single = rm.ftle(TOP, 5, unit=0.7, dtype="float32").ftle.values
     assert np.abs(single - true).max() < 1e-5
@@ -95,9 +61,8 @@ def test_one_tangent_grows_nearly_as_much():
     assert apart[0].min() < -0.3 and apart[1].min() < -0.15  # measured -0.45 and -0.25
 
 
-START = rm.Start(
-    omega=(rm.uniform(-3.0, 3.0), 0.0, 0.0), attitude=(0.0, rm.uniform(-3.14, 3.14), 0.0)
-)
+ANGLE, RATE = rm.uniform(-3.14, 3.14), rm.uniform(-3.0, 3.0)
+START = rm.Start(omega=(RATE, 0.0, 0.0), attitude=(0.0, ANGLE, 0.0))
 PENDULUM = rm.Scene(
     rm.Body((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, -0.5)), rm.Gravity(2.0), START
 ).with_run(integrator="rk8", dt=0.1, t_end=6.0)
@@ -168,10 +133,7 @@ def test_starts_may_be_drawn_as_a_whole_or_stand_in_a_grid():
     whole = rm.Start(omega=rm.Sphere(2.0), attitude="uniform")
     scene = dataclasses.replace(TOP, start=whole)
     study = rm.ftle(scene, 4, unit=0.7)
-    ds = rm.simulate(scene, members=4, points="sobol", save=("attitude",))
-    states = zip(ds.start_attitude.values.T, ds.start_omega.values.T, strict=True)
-    true = np.array([largest(q, w, 0.7) for q, w in states])
-    assert np.abs(study.ftle.values - true).max() < 3e-11
+    assert np.abs(study.ftle.values - largest(scene, 4, 0.7)).max() < 3e-11
     grid = rm.Start(omega=(rm.grid(0.0, 1.0, 4), 0.3, 0.2), attitude=(0.1, 0.9, 0.3))
     found = rm.ftle(dataclasses.replace(TOP, start=grid), 4)
     assert list(found.number) == ["start.omega.1"] and found.ftle.notnull().all()

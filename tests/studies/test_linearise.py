@@ -18,25 +18,21 @@ G = 9.81
 
 
 def own_values(one):
-    """Return the eigenvalues of the motion."""
     own = one.origin.values == "motion"
     return one.growth.values[own] + 1j * one.frequency.values[own]
 
 
 def gap(values, true):
-    """Return how far two sets of as many eigenvalues are apart."""
     apart = np.abs(np.asarray(values)[:, None] - np.asarray(true))
     assert apart.shape[0] == apart.shape[1]
     return max(apart.min(0).max(), apart.min(1).max())
 
 
 def nearest(found, omega):
-    """Return the motion whose angular velocity is nearest to omega."""
     return found.isel(motion=int(((found.omega - omega) ** 2).sum("axis").argmin("motion")))
 
 
 def top(moments=(1.0, 1.0, 0.5), arm=(0.0, 0.0, 0.3), **start):
-    """Return a heavy top of 1 kg."""
     body = rm.Body(moments, mass=1.0, centre=arm)
     return rm.Scene(body, rm.Gravity(G), rm.Start(**start))
 
@@ -299,9 +295,8 @@ def test_eigenvectors_belong_to_their_eigenvalues():
 def test_start_and_member_choose_the_motion():
     start = rm.Start(omega=(0.0, rm.uniform(1.0, 2.0), 0.01))
     scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=start)
-    rates_of_members = [
-        float(rm.linearise(scene, starts=1, first=member).growth_rate[0]) for member in (0, 7)
-    ]
+    found = [rm.linearise(scene, starts=1, first=member) for member in (0, 7)]
+    rates_of_members = [float(one.growth_rate[0]) for one in found]
     spins = members_at_start(scene.model, scene.run, 0, 8)[1]["start_omega"]
     spins = np.sqrt(((spins.T * np.array([1.0, 2.0, 2.5])) ** 2).sum(1)) / 2.0
     true = spins[[0, 7]] * np.sqrt(0.5 / 2.5)

@@ -1,6 +1,8 @@
 """Lyapunov spectra: heavy tops against variational equations written by hand, for the rotation
 vector of a change of attitude and a change of L; integrable tops, damping and noise."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -12,21 +14,21 @@ from rigidmc.planning.steps import rate_bounds
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.studies.lyapunov import tangents
 from rigidmc.studies.lyapunov.study import TURN, sali_of, table
+from rigidmc.studies.stability_map.compute import prepared_case, run_map
 
 WEIGHT = 1.0
 # every quick test that moves members uses the same compiled kernels
 RK4 = {"integrator": "rk4", "dt": 0.01, "t_end": 8.0}
 
 
-def top(degrees, energy=1.0):
+def top(degrees, energy=1.0, moments=(2.0, 2.0, 1.0)):
     """Tops between Lagrange's (0) and Kovalevskaya's (90), anywhere on a surface of energy."""
     centre = np.sin(np.radians(degrees)), 0.0, np.cos(np.radians(degrees))
-    body = rm.Body((2.0, 2.0, 1.0), mass=0.25, centre=centre)
+    body = rm.Body(moments, mass=0.25, centre=centre)
     return rm.Scene(body, rm.Gravity(4.0), rm.Start(momentum=rm.Shell(energy), attitude="ensemble"))
 
 
 def cross(a, b):
-    """a x b of arrays (3, ...)."""
     return np.stack([
         a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     ])  # fmt: skip
@@ -54,11 +56,8 @@ def start_of(scene, count):
     scale = moments.max() * rate_bounds(run.plan.model.effects, block)
     six = np.repeat(tangents.MIXED.T.reshape(2, 3, 6, 1), count, axis=-1)
     six[1] *= scale
-    return (
-        np.concatenate([np.stack([up, block[4:7]])[:, :, None], six], axis=2),
-        (moments, centre),
-        scale,
-    )
+    one = np.stack([up, block[4:7]])[:, :, None]
+    return np.concatenate([one, six], axis=2), (moments, centre), scale
 
 
 def in_metric(y, scale):
@@ -68,16 +67,21 @@ def in_metric(y, scale):
     return np.moveaxis(six.reshape(6, 6, -1), -1, 0)
 
 
-def spectrum(scene, count, pull=1.0):
-    """(exponents, from the largest, and GALI_k) of members by scipy, from the whole tangent map."""
-    y, body, scale = start_of(scene, count)
+def flow(y, body, end, pull=1.0):
+    """A state with changes at the end, by scipy."""
 
     def flat(t, z):
         return rates(z.reshape(y.shape), *body, pull).ravel()
 
+    found = solve_ivp(flat, (0.0, end), y.ravel(), "DOP853", rtol=1e-11, atol=1e-12)
+    return found.y[:, -1].reshape(y.shape)
+
+
+def spectrum(scene, count, pull=1.0):
+    """(exponents, from the largest, and GALI_k) of members by scipy, from the whole tangent map."""
+    y, body, scale = start_of(scene, count)
     end = RK4["t_end"]
-    last = solve_ivp(flat, (0.0, end), y.ravel(), "DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
-    maps = in_metric(last.reshape(y.shape), scale)
+    maps = in_metric(flow(y, body, end, pull), scale)
     grown = np.log(np.abs(np.diagonal(np.linalg.qr(maps)[1], axis1=1, axis2=2))) / end
     units = maps / np.linalg.norm(maps, axis=1, keepdims=True)
     gali = [np.linalg.svd(units[..., :k])[1].prod(-1) for k in range(2, 7)]
@@ -119,25 +123,17 @@ def test_a_member_depends_on_nothing_else():
     assert gap < 1e-8  # other places of the orthonormalisations: measured 2e-12
 
 
-def test_member_steps_and_other_units_change_nothing():
+def test_member_steps_change_nothing():
     scene, run = top(45.0), {"integrator": "rk4", "t_end": 8.0, "members": 40}
     even = rm.lyapunov(scene, dt=0.01, **run).isel(time=-1)
     own = rm.lyapunov(scene, turn=0.04, **run).isel(time=-1)
     assert np.abs(even.exponents - own.exponents).max() < 1e-6  # measured 3e-8
-    small = 2.0**-150
-    body = rm.Body(
-        tuple(small * np.array(scene.body.moments)), mass=0.25 * small, centre=scene.body.centre
-    )
-    start = rm.Start(momentum=rm.Shell(small), attitude="ensemble")
-    tiny = rm.lyapunov(rm.Scene(body, rm.Gravity(4.0), start), dt=0.01, **run).isel(time=-1)
-    assert tiny.exponents.equals(even.exponents)
 
 
 def test_flagged_members_have_no_exponents():
     start = rm.Start(omega=(np.array([1.0, 1000.0]), 0.1, 0.2))
-    scene = rm.Scene(
-        rm.Body((1.0, 2.0, 2.5), mass=0.25, centre=(0.1, 0.0, 0.2)), rm.Gravity(4.0), start
-    )
+    body = rm.Body((1.0, 2.0, 2.5), mass=0.25, centre=(0.1, 0.0, 0.2))
+    scene = rm.Scene(body, rm.Gravity(4.0), start)
     found = rm.lyapunov(scene.with_run(members=2), interval=0.5, every=1.0, **RK4)
     assert found.status.values.tolist() == [0, STATUSES["step_too_large"]]
     assert np.isfinite(found.exponents.values[..., 0]).all()
@@ -183,9 +179,8 @@ def test_sums_keep_what_rounding_loses():
 
 def test_what_has_no_exponents_is_refused():
     scene = top(45.0)
-    stops = rm.Scene(
-        scene.body, scene.effects, scene.start, observables=(rm.Passage(3, 0.5, stop=True),)
-    )
+    stop = (rm.Passage(3, 0.5, stop=True),)
+    stops = rm.Scene(scene.body, scene.effects, scene.start, observables=stop)
     with pytest.raises(SceneError, match=r"passage\] stop = True: stops members"):
         rm.lyapunov(stops, **RK4)
     free = rm.Scene(rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(1.0, 0.2, 0.1)))
@@ -231,11 +226,6 @@ def test_integrable_tops_have_no_exponents():
             assert np.abs(found["sum"]).max() < 1e-11  # measured 7e-14 at the end
             ends.append(float(np.abs(found.exponents[-1]).max()) * time)
             assert found.sali[-1].min() > 1e-4  # measured 3e-3
-        # on tori of three dimensions GALI_k falls as t^-2(k - 3), and not at all up to k = 3
-        # (Skokos, Bountis & Antonopoulos, Eur. Phys. J. Special Topics 165 (2008) 5)
-        falls = np.log(found.gali.median("member").sel(k=[2, 3, 4, 5, 6]).values[[5, -1]])
-        slopes = np.diff(falls, axis=0)[0] / np.log(float(found.time[-1] / found.time[5]))
-        print(slopes)
         assert max(ends) < 20.0  # measured 8.7, 11.7; 12.0, 12.0
     found = rm.lyapunov(top(45.0), **run)
     assert float((found.sali[-1] < 1e-8).mean()) > 0.7  # measured 0.81
@@ -249,12 +239,10 @@ def test_a_chaotic_top_has_the_exponents_of_a_program_by_hand():
     means over members that start together are compared, to 1 %."""
     count, steps, end = 64, 250_000, 1e4
     centre = np.array([0.6, 0.2, 0.8]) / np.sqrt(1.04)
-    start = rm.Start(
-        omega=tuple(rm.normal(x, 1e-3) for x in (1.2, 0.1, 0.3)), attitude=(0.0, 1.2, 0.5)
-    )
-    scene = rm.Scene(
-        rm.Body((1.0, 1.3, 0.7), mass=0.25, centre=tuple(centre)), rm.Gravity(4.0), start
-    )
+    omega = tuple(rm.normal(x, 1e-3) for x in (1.2, 0.1, 0.3))
+    start = rm.Start(omega=omega, attitude=(0.0, 1.2, 0.5))
+    top = rm.Body((1.0, 1.3, 0.7), mass=0.25, centre=tuple(centre))
+    scene = rm.Scene(top, rm.Gravity(4.0), start)
     y, body, scale = start_of(scene, count)
     h, sums = end / steps, np.zeros((6, count))
     for i in range(steps):
@@ -298,3 +286,96 @@ def test_volumes_shrink_by_damping_and_keep_in_splittings():
     damped = rm.Scene(body, rm.AxialDamping((0.1, 0.2, 0.3)), rm.Start(omega=(1.0, 0.5, 0.2)))
     found = rm.lyapunov(damped, integrator="rk8", **run)
     assert np.abs(found["sum"][-1] + 0.6).max() < 1e-9
+
+
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
+def test_a_spectrum_in_units_that_are_no_powers_of_two():
+    scaled, found = 3e-20, []
+    for unit, time in ((1.0, 1.0), (scaled, 7e-8)):
+        known = top(45.0)
+        moments = tuple(unit * np.array(known.body.moments))
+        body = rm.Body(moments, mass=0.25 * unit, centre=known.body.centre)
+        omega = 0.3 / time, rm.normal(1.0 / time, 0.2 / time), 0.5 / time
+        start = rm.Start(omega=omega, attitude="uniform")
+        run = {"integrator": "rk4", "dt": RK4["dt"] * time, "t_end": RK4["t_end"] * time}
+        made = rm.Scene(body, rm.Gravity(4.0 / time**2), start)
+        end = rm.lyapunov(made, members=8, **run).isel(time=-1)
+        found.append([*(end.exponents.values * time), *np.log(end.gali.values)])
+    assert np.abs(np.subtract(*found)).max() < 1e-12  # measured 7.8e-14
+
+
+TORI = {  # exponents of t of GALI_2 to GALI_6 on tori of two and three dimensions
+    "free": ((1.0, 1.3, 0.7), (0.0, 0.0, 0.0), (0, -1, -2, -4, -6)),
+    "lagrange": ((1.0, 1.0, 1.5), (0.0, 0.0, 0.3), (0, 0, -2, -4, -6)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
+@pytest.mark.parametrize("name", TORI)
+@pytest.mark.parametrize(("unit", "time"), [(1.0, 1.0), (3e-20, 7e-8)])
+def test_integrable_tops_have_the_power_laws_of_their_tori(name, unit, time):
+    """MEGNO -> 2, changes grow as t, SALI stays, and GALI_k falls as t^-(k - s) or t^-2(k - 3) on
+    tori of s dimensions. Source: Skokos, Bountis & Antonopoulos, Eur. Phys. J. Special Topics 165
+    (2008) 5."""
+    moments, centre, slopes = TORI[name]
+    body = rm.Body(tuple(unit * np.array(moments)), mass=unit, centre=centre)
+    effects = rm.Gravity(1.0 / time**2) if any(centre) else ()
+    omega = tuple(rm.normal(x / time, 0.3 / time) for x in (0.3, 1.0, 0.5))
+    made = rm.Scene(body, effects, rm.Start(omega=omega, attitude="uniform"))
+    run = {"integrator": "rk8" if any(centre) else "exact", "dt": 0.1 * time}
+    end = {"t_end": 4000.0 * time, "members": 16}
+    found = rm.lyapunov(made, every=40.0 * time, **run, **end)
+    gali, times = np.log(found.gali.median("member").values[[9, -1]]), found.time.values[[9, -1]]
+    measured = np.diff(gali, axis=0)[0] / np.log(times[1] / times[0])
+    assert np.abs(measured - slopes).max() < 0.3  # measured 0.17, of GALI_4 of Lagrange tops
+    assert found.sali[-1].min() > 1e-4
+    assert float(np.abs(found.exponents[-1]).max()) * 4000.0 * time < 20.0  # measured 9.4
+    megno = rm.simulate(made, save=("megno",), **run, **end).megno
+    assert np.abs(megno - 2.0).max() < 0.1  # measured 0.028
+    ends = (rm.ftle(made, 16, t_end=t * time, **run).ftle.values * t for t in (1000.0, 4000.0))
+    growth = [end * time for end in ends]
+    # ln 4 for growth as t; measured 0.9992 and 1.017
+    assert np.median(growth[1] - growth[0]) == pytest.approx(np.log(4.0), rel=0.03)
+
+
+def megno(*known, members=128):
+    """MEGNO of starts all over an energy surface, with m g c = 1 J."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rm.SceneWarning)  # a centre of mass far out
+        run = {"integrator": "rk8", "dt": 0.2, "t_end": 1000.0, "members": members}
+        return rm.simulate(top(*known), **run, save=("megno",)).megno.values
+
+
+def share(*known, **more):
+    return float((megno(*known, **more) > 4.0).mean())
+
+
+def test_integrable_tops_have_no_chaos_and_one_between_has():
+    """Lagrange's and Kovalevskaya's; a degree away from the second there is."""
+    for degrees in (0.0, 90.0):
+        assert megno(degrees, 1.0).max() < 3.0  # measured 2.04 and 2.37
+    assert share(45.0, 1.0) > 0.7  # measured 0.85
+    assert 0.1 < share(89.0, 1.0) < 0.4  # measured 0.23
+
+
+@pytest.mark.slow
+def test_chaos_rises_and_falls_with_energy():
+    """None near the bottom; near Lagrange's top it begins about the energy of the upright one, a
+    thin layer (Holmes & Marsden 1983); at high energy none is left, unless three moments differ."""
+    assert share(45.0, -0.9) == 0.0
+    near = [share(4.0, energy, members=512) for energy in (-0.5, 1.0, 4.0)]
+    assert near[0] == near[2] == 0.0 and 0.01 < near[1] < 0.1  # measured 0, 0.04, 0
+    falls = [share(45.0, energy) for energy in (1.0, 2.0, 4.0, 9.0)]
+    assert falls == sorted(falls, reverse=True) and falls[-1] < 0.02  # 0.85, 0.50, 0.19, 0
+    assert share(90.0, 9.0, (2.0, 1.5, 1.0)) > 0.15  # measured 0.28
+
+
+@pytest.mark.slow
+def test_a_map_of_the_share():
+    found = run_map(prepared_case("chaos_share", (16, 10), members=64))
+    part = found["p(megno>4)"].values
+    assert not found.failed.values.any() and part[0].max() == 0.0
+    middle = part[2:6, 5:11].mean()
+    assert 0.3 < middle < 0.6  # measured 0.45
+    assert part[:, 0].max() < 0.2 and part[2:, 0].mean() < 0.05  # measured 0.047 and 0.006

@@ -34,7 +34,6 @@ MEASURE = "mean(energy_final)"
 
 
 def made(means, variances, members=1e4, steps=10):
-    """Levels with these corrections."""
     each = enumerate(zip(means, variances, strict=True))
     return [Level(i, steps << i, members, 0.0, m, v * (members - 1.0)) for i, (m, v) in each]
 
@@ -70,10 +69,8 @@ def test_corrections_of_rounding_tell_no_order(unit):
 
 
 def with_members(levels, counts):
-    return [
-        one._replace(members=n, squares=one.variance * (n - 1.0))
-        for one, n in zip(levels, counts, strict=True)
-    ]
+    each = zip(levels, counts, strict=True)
+    return [one._replace(members=n, squares=one.variance * (n - 1.0)) for one, n in each]
 
 
 def test_members_are_those_that_cost_least():
@@ -98,9 +95,8 @@ def test_what_plain_members_cost():
     assert cheapest_plain(levels, 2.0, half, 0.95).cost == pytest.approx(best, rel=1e-3)
     orders = np.log10([cheapest_plain(levels, 2.0, 1e-6 * f, 0.95).cost for f in (1.0, 10.0)])
     assert orders[0] - orders[1] == pytest.approx(2.5, abs=0.01)
-    assert interval_cost(levels, 2.0, 1e-6, 0.95) / interval_cost(
-        levels, 2.0, 1e-5, 0.95
-    ) == pytest.approx(100)
+    costs = [interval_cost(levels, 2.0, half, 0.95) for half in (1e-6, 1e-5)]
+    assert costs[0] / costs[1] == pytest.approx(100)
 
 
 def test_the_width_covers_errors_of_the_step():
@@ -122,7 +118,6 @@ def test_batches_add_up_to_the_whole():
 
 
 def request(batch=512, text=f"{MEASURE} +- 0.1", scene=SCENE, most=10**12, **settings):
-    """What the tasks of a study have in common."""
     scene, words = multilevel.design(scene, text, most, batch, **settings)
     return make_setup(prepare_scene(scene), **words)
 
@@ -144,16 +139,14 @@ def test_fine_paths_are_members_of_the_scene_and_levels_share_none():
     fine = rm.simulate(SCENE, members=range(APART, APART + 512), **settings).energy_final.values
     first = rm.simulate(SCENE, members=512, **settings).energy_final.values
     assert abs(np.corrcoef(fine, first)[0, 1]) < 3.0 / math.sqrt(512)
-    coarse = rm.simulate(
-        SCENE, members=range(APART, APART + 512), **{**settings, "dt": 0.8}
-    ).energy_final.values
+    settings["dt"] = 0.8
+    coarse = rm.simulate(SCENE, members=range(APART, APART + 512), **settings).energy_final.values
     (found,) = sums(request(), [task_number(1, 0)], 1)
     assert found["mean"] == pytest.approx(fine.mean() - coarse.mean(), abs=0.2)
     assert found["squares"] / 511 < 0.2 < (fine - coarse).var()  # measured 0.17 and 1.9
 
 
 def spreads(levels=(0, 1, 2, 3)):
-    """The variances of levels."""
     each = sums(request(4096), [task_number(level, 0) for level in levels], 1)
     return np.array([one["squares"] / 4095 for one in each])
 
@@ -236,9 +229,8 @@ def test_what_a_goal_costs_is_told_by_the_pilot():
 def test_run_directory(tmp_path):
     """The same study from a run directory whose tasks are computed in two goes."""
     text = "mean(l2_final) +- 0.03"
-    directory = multilevel.work.create(
-        "multilevel", multilevel.design(FREE, text), None, tmp_path / "run"
-    )
+    design = multilevel.design(FREE, text)
+    directory = multilevel.work.create("multilevel", design, None, tmp_path / "run")
     with pytest.raises(rm.RigidmcError, match="no task is finished"):
         multilevel.of(directory.path)
     directory, done = tasks.resume_study(directory, threads=1, only=range(2))

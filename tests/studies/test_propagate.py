@@ -21,9 +21,8 @@ from rigidmc.studies.propagate.picture import cut_linear, ellipse
 from rigidmc.studies.propagate.study import Input, deviations_of, linear_until, rounding_of, rows_of
 
 A, C, SPIN, W1, W2 = 1.0, 1.5, 2.0, 0.3, 0.1
-TOP = rm.Scene(
-    rm.Body.from_moments((A, A, C)), start=rm.Start(omega=(W1, W2, SPIN), attitude=(0.3, 0.2, 0.1))
-)
+START = rm.Start(omega=(W1, W2, SPIN), attitude=(0.3, 0.2, 0.1))
+TOP = rm.Scene(rm.Body((A, A, C)), start=START)
 NAMES = "start.omega", "body.moments.3"
 FACTOR = 1e-2 * np.random.default_rng(1).normal(size=(4, 4))
 C0 = FACTOR @ FACTOR.T
@@ -108,14 +107,9 @@ def test_what_has_no_covariance_is_refused(start, options, words):
 
 
 def result_of(q, omega, status):
-    """A result with attitudes (time, 4, member) and scalars."""
-    return xr.Dataset(
-        {
-            "attitude": (("time", "quat", "member"), q),
-            "energy": (("time", "member"), omega),
-            "status": (("member",), status),
-        }
-    )
+    dims = ("time", "quat", "member"), ("time", "member"), ("member",)
+    each = zip(dims, (q, omega, status), strict=True)
+    return xr.Dataset(dict(zip(("attitude", "energy", "status"), each, strict=True)))
 
 
 def test_attitudes_deviate_by_a_rotation_vector_in_body_axes():
@@ -149,9 +143,8 @@ def test_rounding_is_measured_by_the_largest_value_of_a_row():
 def test_linear_until_the_first_save_that_misses_more():
     def until(*missed):
         times = {"time": np.arange(float(len(missed)))}
-        return linear_until(
-            xr.Dataset({"missed": (("time", "row"), [[x, 0] for x in missed])}, times)
-        )
+        rows = ("time", "row"), [[x, 0] for x in missed]
+        return linear_until(xr.Dataset({"missed": rows}, times))
 
     assert until(np.nan, 0.01, 0.02) == 2.0
     assert until(np.nan, 0.01, 0.2, 0.01) == 1.0

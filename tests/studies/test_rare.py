@@ -104,8 +104,7 @@ def test_tables_of_any_order():
 def test_nothing_found_is_no_zero():
     """Members that all score the same are plain ones, none of which has the event."""
     scene = rm.Scene(
-        rm.Body.from_moments((1.0, 2.0, 3.0)),
-        start=rm.Start(omega=(1.0, rm.normal(0.0, 0.0675), 0.0)),
+        rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(1.0, rm.normal(0.0, 0.0675), 0.0))
     ).with_run(integrator="exact", dt=0.25, t_end=20.0)
     truth = 2.0 * norm.sf(12**-0.5 / 0.0675)  # it turns if |L_2| is above |L|/2 at the start
     with pytest.warns(SceneWarning, match="found no path to the event: all members score"):
@@ -137,10 +136,8 @@ def test_splitting(monkeypatch):
     assert float(found.gain) > 100.0  # measured 300 and more
 
     def copies(self, ended, parents, level):  # without noise of their own
-        self.states[:, ended], self.scores[:, ended] = (
-            self.states[:, parents],
-            self.scores[:, parents],
-        )
+        self.states[:, ended] = self.states[:, parents]
+        self.scores[:, ended] = self.scores[:, parents]
 
     monkeypatch.setattr(methods.SplittingPaths, "branch", copies)
     broken = rare(bathed(), of, 1e-9, 300, 8)
@@ -152,7 +149,7 @@ def test_events():
     """How often and when an event happens are one question; its score leads there."""
     cone = rm.Passage(axis=3, angle=0.6)
     scene = rm.Scene(
-        rm.Body.from_moments((1.0, 1.6, 2.0), mass=1.0, centre=(0.0, 0.0, -0.5)),
+        rm.Body((1.0, 1.6, 2.0), mass=1.0, centre=(0.0, 0.0, -0.5)),
         (rm.Gravity(9.81), rm.Bath(1.0, 0.3)),
         rm.Start(omega=(0.0, 0.0, 0.0)),
         observables=(cone,),
@@ -235,7 +232,7 @@ def test_members_may_branch_at_the_end():
 @functools.cache
 def flips_of(unit):
     """The study of flips of a body of about `unit` kg m2."""
-    body = rm.Body.from_moments((unit, 2.0 * unit, 3.0 * unit))
+    body = rm.Body((unit, 2.0 * unit, 3.0 * unit))
     start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0))
     run = {"integrator": "exact", "dt": 0.2, "t_end": 8.0}
     return rare(rm.Scene(body, start=start), "p(flips >= 1)", 1e-9, 60, 2, **run)

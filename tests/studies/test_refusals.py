@@ -88,14 +88,8 @@ def test_a_grid_has_no_intervals():
     assert np.isfinite(rm.simulate(drawn, members=40, **run).rigid.measure(of).low)
     axes = {"x": ("start.omega.3", 0, 1), "y": ("start.omega.1", 0, 1), "resolution": 4}
     for start, known in ((0.1, False), (LAW, True)):
-        mapped = rm.stability_map(
-            rm.Scene(BODY, (), rm.Start(omega=(0.0, start, 0.0))),
-            **axes,
-            of=of,
-            members=2,
-            dt=0.1,
-            t_end=0.1,
-        )
+        scene = rm.Scene(BODY, (), rm.Start(omega=(0.0, start, 0.0)))
+        mapped = rm.stability_map(scene, **axes, of=of, members=2, dt=0.1, t_end=0.1)
         name = of.replace(" ", "")
         assert np.isfinite(mapped[name]).all()
         assert bool(np.isfinite(mapped[f"{name}_high"]).any()) == known

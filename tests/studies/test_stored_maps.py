@@ -18,10 +18,8 @@ from tests.tools.commands import invoke
 
 # of long steps, which maps take on purpose
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
-SCENE = rm.Scene(
-    rm.Body.from_moments((0.5, 1.0, 1.4)),
-    start=rm.Start(omega=(rm.normal(0.0, 0.05), 1.0, rm.normal(0.0, 0.05))),
-)
+OMEGA = rm.normal(0.0, 0.05), 1.0, rm.normal(0.0, 0.05)
+SCENE = rm.Scene(rm.Body((0.5, 1.0, 1.4)), start=rm.Start(omega=OMEGA))
 # I1 <= I2 + I3 does not hold on the right
 SIDES = ("body.moments.1", 0.2, 2.6), ("start.omega.2", 0.5, 1.5)
 OF = ("p(flips >= 1)", "median(flip_wait)")
@@ -39,10 +37,8 @@ def whole():
 
 
 def started(path, replicas=REPLICAS):
-    """A map in 5 shards, none of which is there."""
-    return create_map(
-        prepare_map(make_request(*SIDES, OF, SHAPE, replicas), SCENE, **RUN), path, 1.0
-    )
+    request = make_request(*SIDES, OF, SHAPE, replicas)
+    return create_map(prepare_map(request, SCENE, **RUN), path, 1.0)
 
 
 def mapped(*words):
@@ -102,7 +98,6 @@ def test_a_map_in_a_file_is_read_back(whole, tmp_path):
 
 
 def asking(file, **other):
-    """Change what the map in a file asks."""
     file.asked = json.dumps({**json.loads(file.asked), **other})
 
 

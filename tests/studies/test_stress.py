@@ -1,7 +1,4 @@
-"""The catalogue of hard cases: its contents, and that it sees errors.
-
-Also wrong words and wrong bounds.
-"""
+"""The catalogue of hard cases: its contents, and that it sees errors; the checks of a scene."""
 
 import inspect
 import math
@@ -20,6 +17,7 @@ from rigidmc.studies.stress import (
     numerical_cases,
     picture,
     processes,
+    trust,
 )
 from rigidmc.studies.stress import hard_cases as H
 from rigidmc.studies.stress.case import Comparison, HardCase
@@ -38,6 +36,7 @@ from rigidmc.studies.stress.motions import (
 from rigidmc.studies.stress.processes import run_case
 from rigidmc.studies.stress.truths import closed_states, distance_to_closed_form, flips
 from tests.tools.axes import faults
+from tests.tools.scenes import LAGRANGE
 
 
 @cache
@@ -130,9 +129,8 @@ def test_a_study_reports_cases_above_their_bound(tmp_path):
     assert H._verdict(cases()[0], "rk4", 0.0, math.inf) == "good"
     second = H.run_cases(["H5"], names, bounds={("needle", "exact"): 0.1 * error}, threads=1)
     above = np.argwhere(second.verdict.values == H.VERDICTS.index("above"))
-    assert [(str(second.case.values[i]), str(second.integrator.values[j])) for i, j in above] == [
-        ("needle", "exact")
-    ]
+    names = [(str(second.case.values[i]), str(second.integrator.values[j])) for i, j in above]
+    assert names == [("needle", "exact")]
     assert H.any_failed(second)
     H.write_bounds(first, tmp_path / "b.csv")
     kept = H.load_bounds(tmp_path / "b.csv")
@@ -151,20 +149,13 @@ def test_a_case_that_raises_or_dies_is_red_and_stops_no_other(monkeypatch):
     error, _, reason = run_case(case, "rk4")
     assert math.isnan(error)
     assert "broken on purpose" in reason
-    found = H._dataset(
-        [case, cases()[0]],
-        [[(error, 0.1, reason)], [(0.0, 0.1, "")]],
-        ["rk4"],
-        H.shipped_bounds(),
-        {},
-    )
+    runs = [[(error, 0.1, reason)], [(0.0, 0.1, "")]]
+    found = H._dataset([case, cases()[0]], runs, ["rk4"], H.shipped_bounds(), {})
     assert [H.VERDICTS[v] for v in found.verdict.values[:, 0]] == ["crashed", "good"]
     assert H.any_failed(found)
-    monkeypatch.setattr(
-        processes,
-        "_started",
-        lambda: processes.subprocess.Popen(["false"], stdin=-1, stdout=-1, text=True),
-    )
+    pipes = {"stdin": -1, "stdout": -1, "text": True}
+    false = lambda: processes.subprocess.Popen(["false"], **pipes)  # noqa: E731
+    monkeypatch.setattr(processes, "_started", false)
     died = H.run_cases(["H15"], ["rk4"], threads=1)
     assert (died.verdict.values == H.VERDICTS.index("crashed")).all()
     assert "ended with code 1" in died.reason.values[0, 0]
@@ -213,3 +204,58 @@ def test_rounding_walks_over_1e8_steps():
     rms of all at 1e8 is 4.1e-12. If all drifted evenly, the factor would be 8."""
     moments, momentum = random_tops()
     assert walk(tops(moments, momentum), 0.1, 100_000_000).error("exact", 1.0) < 6.0
+
+
+SCENE = LAGRANGE.with_run(t_end=5.0, dt=0.02, members=100, integrator="rk4")
+
+
+@pytest.fixture(scope="module")
+def good():
+    return trust.trust(SCENE, quick=True)
+
+
+def test_a_good_scene_is_trusted_as_far_as_it_is_true(good):
+    error = dict(zip(good.check.values, good.error.values[:, -1], strict=True))
+    assert good.time.units == "s"
+    names = {"another integrator (rk8)", "half the step", "other units", "permuted axes"}
+    assert set(error) == names | {"turned space", "there and back", "closed form"}
+    # 5.652e-9 and 5.652e-9
+    assert error["half the step"] == pytest.approx(error["closed form"], rel=0.05)
+    assert error["another integrator (rk8)"] == pytest.approx(error["closed form"], rel=0.01)
+    for name, tells, values in zip(
+        good.check.values, good.tells.values, good.error.values, strict=True
+    ):
+        assert tells == "accuracy" or (values < 1e-13).all(), name  # measured 9e-15 to 1.8e-14
+        assert (np.diff(values) >= 0).all()
+    assert good.attrs["digits"] == int(-np.log10(error["closed form"]))
+    assert good.attrs["verdict"] == f"trust {good.attrs['digits']} digits to t = 5 s"
+    assert not trust.has_failed(good)
+    assert "verdict" in trust.table(good)[-1]
+    figure = picture.trust(good)
+    assert len(figure.axes[0].lines) == 8 and faults(figure) == []
+
+
+def test_a_long_step_is_seen():
+    found = trust.trust(SCENE.with_run(dt=1.0, t_end=50.0), quick=True)
+    assert found.attrs["digits"] == 0
+    assert "the step is too long" in found.attrs["verdict"]
+    assert trust.has_failed(found)
+
+
+def test_chaos_is_told_from_a_long_step():
+    body = rm.Body((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.25, 0.15))
+    start = rm.Start(omega=(rm.normal(0.0, 0.3), rm.normal(0.0, 0.3), 0.3), attitude="uniform")
+    run = {"t_end": 200.0, "dt": 0.02, "members": 64, "integrator": "rk8"}
+    found = trust.trust(rm.Scene(body, rm.Gravity(10.0), start).with_run(**run), quick=True)
+    assert found.attrs["chaotic_share"] > 0.1
+    assert found.attrs["horizon"] < 200.0
+    assert "beyond, chaos" in found.attrs["verdict"]
+    assert not trust.has_failed(found)
+    rounding = found.error.values[found.tells.values == "rounding"].max(0)
+    assert rounding[-1] > 1e-2  # rounding alone
+
+
+def test_the_closed_form_is_judged_by_an_integrator():
+    found = trust.trust(SCENE.with_run(integrator="closed"), quick=True)
+    assert list(found.check.values) == ["another integrator (rk8)"]
+    assert found.attrs["digits"] >= 11

@@ -11,7 +11,7 @@ import rigidmc as rm
 
 STATE = ("omega", "attitude", "energy")
 MONITORED = ("flips", "omega_max")
-UNSYMMETRIC = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
+UNSYMMETRIC = rm.Body((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
 TOP = rm.Scene(
     UNSYMMETRIC,
     rm.Gravity(1.0),
@@ -19,12 +19,11 @@ TOP = rm.Scene(
 )
 TILTED = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 LAGRANGE = rm.Scene(
-    rm.Body.from_moments((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 0.2)), rm.Gravity(3.0), TILTED
+    rm.Body((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 0.2)), rm.Gravity(3.0), TILTED
 )
 # free members that flip about the middle axis, in five shards of 192 and one of 40
 FREE = rm.Scene(
-    rm.Body.from_moments((1.0, 2.0, 3.0)),
-    start=rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, rm.normal(0.0, 0.1))),
+    rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, rm.normal(0.0, 0.1)))
 ).with_run(
     integrator="rk4",
     dt=0.05,

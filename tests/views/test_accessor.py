@@ -15,15 +15,11 @@ from tests.tools.commands import invoke
 def result(tmp_path_factory):
     path = tmp_path_factory.mktemp("result") / "r.nc"
     start = rm.Start(omega=(rm.normal(0.0, 0.01), 1.0, 0.0), attitude="uniform")
-    scene = rm.Scene(
-        rm.Body.from_moments((1.0, 2.0, 2.8), mass=1.0, centre=(0.0, 0.0, 0.1)),
-        (rm.Gravity(1.0),),
-        start,
-    )
+    body = rm.Body((1.0, 2.0, 2.8), mass=1.0, centre=(0.0, 0.0, 0.1))
+    scene = rm.Scene(body, rm.Gravity(1.0), start)
     save = ("omega", "attitude", "momentum", "energy", "l2", "energy_drift", "l2_drift")
-    rm.simulate(
-        scene, members=64, dt=0.02, t_end=4.0, every=0.2, save=save, output=str(path)
-    ).close()
+    run = {"members": 64, "dt": 0.02, "t_end": 4.0, "every": 0.2}
+    rm.simulate(scene, save=save, output=str(path), **run).close()
     return path
 
 
@@ -38,21 +34,14 @@ def test_energy_and_drift_are_those_of_the_kernel(result):
 
 
 def test_a_selection_has_its_own_energy(tmp_path):
-    body = rm.Body.from_moments((1.0, 2.0, 2.8), mass=rm.uniform(0.1, 2.0), centre=(0.0, 0.0, 0.1))
-    scene = rm.Scene(
-        body,
-        (rm.Gravity(rm.uniform(1.0, 10.0)),),
-        rm.Start(omega=(0.0, 1.0, 0.0), attitude="uniform"),
-    )
+    body = rm.Body((1.0, 2.0, 2.8), mass=rm.uniform(0.1, 2.0), centre=(0.0, 0.0, 0.1))
+    start = rm.Start(omega=(0.0, 1.0, 0.0), attitude="uniform")
+    scene = rm.Scene(body, rm.Gravity(rm.uniform(1.0, 10.0)), start)
     ds = rm.simulate(scene, members=300, dt=0.05, t_end=1.0, save=("omega", "attitude", "energy"))
     bare = ds.drop_vars("energy")
     for part in ([3, 7, 250], slice(0, 300, 2), slice(10, 20), slice(None, None, -1)):
-        assert (
-            np.abs(
-                bare.isel(member=part).rigid.energy().values - ds.energy.isel(member=part).values
-            ).max()
-            < 1e-14
-        )
+        off = bare.isel(member=part).rigid.energy() - ds.energy.isel(member=part)
+        assert np.abs(off.values).max() < 1e-14
     with pytest.raises(ValueError, match="member"):
         bare.isel(member=7).rigid.energy()
 
@@ -75,7 +64,7 @@ def test_the_phase_of_free_motion_runs_evenly():
     moments = second.sum(1)[:, None] - second
     momentum = some.normal(size=(500, 3))
     momentum[0] = 0.0, 1.0, 0.0
-    scene = rm.Scene(rm.Body.from_moments(moments), start=rm.Start(momentum=momentum))
+    scene = rm.Scene(rm.Body(moments), start=rm.Start(momentum=momentum))
     ds = rm.simulate(scene, integrator="exact", dt=0.1, t_end=5.0, every=0.5, save=("omega",))
     phase, period = ds.rigid.phase().values, analyse_free_top(moments, momentum).period
     off = phase[:, 1:] - phase[0, 1:] - ds.time.values[:, None] / period[1:]
@@ -114,16 +103,10 @@ def test_pictures_and_summary(result):
 
 
 def test_even_points_give_no_interval():
-    scene = rm.Scene(
-        rm.Body.from_moments((1.0, 2.0, 2.8)), start=rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, 0.0))
-    )
-    ds = rm.simulate(
-        scene.with_run(points="sobol"),
-        members=64,
-        t_end=1.0,
-        dt=0.05,
-        save=("omega_max", rm.Histogram("energy", 0, 2)),
-    )
+    start = rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, 0.0))
+    scene = rm.Scene(rm.Body((1.0, 2.0, 2.8)), start=start).with_run(points="sobol")
+    save = ("omega_max", rm.Histogram("energy", 0, 2))
+    ds = rm.simulate(scene, members=64, t_end=1.0, dt=0.05, save=save)
     assert "+-" not in ds.rigid.summary() and "estimate_rqmc" in ds.rigid.summary()
     # a histogram is of all members, and is not compared
     assert "equal to the bit" in ds.rigid.rerun(7).attrs["rerun"]
@@ -189,7 +172,7 @@ def test_what_is_read_lazily_stays_lazy(kind, tmp_path, monkeypatch):
             assert abs(found - wanted).max() < 1e-15  # measured 1.1e-16
             assert abs(found - whole[name]).max() > 0.01  # measured 0.05 or more
             assert found.dims == wanted.dims == whole[name].dims
-        for made in (lambda x: x.euler(), lambda x: x.phase()):
+        for made in (lambda x: x.euler(), lambda x: x.euler("132"), lambda x: x.phase()):
             found, wanted = made(ds.rigid), made(whole.rigid)
             assert bool(found.chunks) == (kind != "no dask")
             off = abs(found - wanted)

@@ -18,9 +18,8 @@ def spinning_box():
     """A box that turns about axis 3 by 0.1 rad from save to save."""
     start = rm.Start(omega=(0.0, 0.0, 1.0), attitude=(1.0, 0.0, 0.0, 0.0))
     scene = rm.Scene(rm.Body.box(1.0, (1.0, 0.5, 0.25)), start=start)
-    return rm.simulate(
-        scene, "closed", t_end=1.0, every=0.1, members=1, save=("momentum", "attitude")
-    )
+    run = {"t_end": 1.0, "every": 0.1, "members": 1}
+    return rm.simulate(scene, "closed", save=("momentum", "attitude"), **run)
 
 
 def test_without_ffmpeg_two_ways_to_it_are_named(monkeypatch):

@@ -121,9 +121,8 @@ def test_exact_tells_the_rates_of_steady_precession():
     slow, fast = np.sort(np.roots([MOMENTS[0] * np.cos(THETA), -MOMENTS[2] * SPIN, WEIGHT]))
     assert f"slow {slow:.6g}, fast {fast:.6g} rad/s" in told(SPIN)
     least = 2.0 * np.sqrt(MOMENTS[0] * WEIGHT) / MOMENTS[2]
-    assert f"upright, it sleeps above |omega_3| = {least:.6g} rad/s; its omega_3 is 200" in told(
-        SPIN
-    )
+    words = f"upright, it sleeps above |omega_3| = {least:.6g} rad/s; its omega_3 is 200"
+    assert words in told(SPIN)
     assert f"none below a spin of {least * np.sqrt(np.cos(THETA)):.6g} rad/s" in told(90.0)
     assert "motion       cusps\n" in told(SPIN)
     assert "waves" not in told(90.0)  # slow: each push with the precession makes waves
@@ -155,7 +154,7 @@ def test_exact_tells_one_precession_of_a_horizontal_axis():
 @pytest.mark.parametrize(("friction", "panels"), [((), 1), ((rm.AxialDamping((0, 0, 1.0)),), 3)])
 def test_changing_rates_get_axes_of_their_own(friction, panels):
     """A damped top has turned by 2,000 degrees more than at its mean rate: theta was a line."""
-    body = rm.Body.from_moments(MOMENTS, mass=0.1776, centre=(0.0, 0.0, 0.04))
+    body = rm.Body(MOMENTS, mass=0.1776, centre=(0.0, 0.0, 0.04))
     start = rm.Start(omega=(0.0, 0.0, 200.0), attitude=(0.0, 0.4, 0.0))
     scene = rm.Scene(body, (rm.Gravity(9.81), *friction), start)
     ds = rm.simulate(scene, "rk8", dt=1e-3, t_end=1.0, members=1, every=5e-3, save=("attitude",))

@@ -1,8 +1,6 @@
 """Pages that compute: bits, sliders, links and scenes, in headless Chromium."""
 
-import json
 import math
-import re
 
 import numpy as np
 import pytest
@@ -14,6 +12,7 @@ from rigidmc.scene.parameters import with_parameters
 from rigidmc.views.live.engine import live_run
 from rigidmc.views.live.sliders import make_sliders
 from tests.tools.commands import invoke
+from tests.views.test_viewer import data_of
 
 STEPS = 1000
 TOP = rm.Scene(
@@ -52,7 +51,6 @@ def moved(page, steps):
 
 
 def computed(scene, steps=STEPS):
-    """The same by this processor."""
     live = live_run(scene, 1)
     dt = live.run.plan.grid.dt
     again = live.run.scene.with_run(t_end=steps * dt, every=steps * dt, dt=dt)
@@ -70,12 +68,8 @@ def test_a_page_has_the_bits_of_the_processor(browser, tmp_path):
     assert len(text) < 3e5 and "a &lt;top&gt;" in text  # measured 1.1e5
     page = opened(browser, path)
     assert moved(page, STEPS) == tuple(computed(TOP))
-    values = {
-        "body.moments.2": 1.7,
-        "start.omega.1": -0.4,
-        "effects.gravity.g": 3.7,
-        "body.mass": 2,
-    }
+    values = {"body.moments.2": 1.7, "start.omega.1": -0.4}
+    values |= {"effects.gravity.g": 3.7, "body.mass": 2}
     for name, value in values.items():
         page.evaluate(f"SLIDERS.find(s => s.name === '{name}').set({value})")
     assert moved(page, STEPS) == tuple(computed(TOP.with_model(with_parameters(TOP.model, values))))
@@ -208,26 +202,22 @@ def test_a_browser_without_webassembly_says_so(browser, tmp_path):
 
 
 def test_sliders_are_refused_by_name():
-    with pytest.raises(OptionError, match=r"no such number .*did you mean 'body\.moments\.2'"):
-        rm.live(TOP, sliders={"body.momets.2": None})
-    with pytest.raises(OptionError, match="the page then draws an ellipsoid"):
-        rm.live("heavy_top", sliders={"body.cylinder.radius": None})
-    with pytest.raises(OptionError, match="the lower one first"):
-        rm.live(TOP, sliders={"body.mass": (2.0, 1.0)})
-    with pytest.raises(OptionError, match="must be above 0"):
-        rm.live(TOP, sliders={"body.mass": (-1.0, 1.0)})
     damped = rm.Scene(TOP.body, rm.ViscousDamping(0.0), TOP.start, TOP.run)
-    name = "effects.viscous_damping.rate"
-    with pytest.raises(OptionError, match=r"rate = -1\.0: must be between 0 and inf"):
-        rm.live(damped, sliders={name: (-1.0, 1.0)})
-    (slider,) = make_sliders(damped.model, live_run(damped, 1).start, {name: None})
+    rate = "effects.viscous_damping.rate"
+    for scene, name, ends, words in (
+        (TOP, "body.momets.2", None, r"no such number .*did you mean 'body\.moments\.2'"),
+        ("heavy_top", "body.cylinder.radius", None, "the page then draws an ellipsoid"),
+        (TOP, "body.mass", (2.0, 1.0), "the lower one first"),
+        (TOP, "body.mass", (-1.0, 1.0), "must be above 0"),
+        (damped, rate, (-1.0, 1.0), r"rate = -1\.0: must be between 0 and inf"),
+        ("heavy_top", "start.attitude.theta", (0.0, 60.0), "a turn: in degrees, write 60deg"),
+        (TOP, "effects.gravity.g", ("0", "much"), "two numbers, or text with its unit"),
+        ("heavy_top", "effects.gravity.g", (1.0, 2.0), r"at 9\.81, which must lie between"),
+    ):
+        with pytest.raises(OptionError, match=words):
+            rm.live(scene, sliders={name: ends})
+    (slider,) = make_sliders(damped.model, live_run(damped, 1).start, {rate: None})
     assert (slider.low, slider.high) == (0.0, 3.0)
-    with pytest.raises(OptionError, match="more than a turn: in degrees, write 60deg"):
-        rm.live("heavy_top", sliders={"start.attitude.theta": (0.0, 60.0)})
-    with pytest.raises(OptionError, match="two numbers, or text with its unit"):
-        rm.live(TOP, sliders={"effects.gravity.g": ("0", "much")})
-    with pytest.raises(OptionError, match=r"begins at 9\.81, which must lie between the ends"):
-        rm.live("heavy_top", sliders={"effects.gravity.g": (1.0, 2.0)})
     with pytest.raises(OptionError, match="1 to 1,000 members"):
         rm.live(TOP, members=2000)
 
@@ -259,9 +249,7 @@ def test_the_command_writes_a_page(tmp_path):
     words += ["--slider", "start.attitude.theta=1:90 deg"]  # as on a map, 1 deg
     found = invoke(*words)
     assert found.exit_code == 0 and str(path) in found.output
-    data = json.loads(
-        re.search(r'<script id="data"[^>]*>(.*?)</script>', path.read_text(), re.S)[1]
-    )
+    data = data_of(path.read_text())
     assert [(s["name"], s["low"], s["high"]) for s in data["sliders"]] == [
         ("effects.gravity.g", 0, 20),
         ("start.attitude.theta", pytest.approx(math.pi / 180), pytest.approx(math.pi / 2)),
@@ -305,5 +293,5 @@ def test_a_tolerance_makes_no_page_of_polygons(tmp_path):
     """srkn11 took steps of 1.9 rad, 13 in a nutation: its charts and traces had corners."""
     scene = rm.Scene.load("heavy_top", {"start.omega": (0, 0, 157)})
     text = rm.live(scene.with_run(tolerance=1e-9), members=1).text
-    data = json.loads(re.search(r'<script id="data"[^>]*>(.*?)</script>', text, re.S)[1])
+    data = data_of(text)
     assert 0.1 < 157 * data["h"] <= 0.2

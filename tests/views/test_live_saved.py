@@ -44,7 +44,6 @@ def move_sliders(page, some):
 
 
 def states(page, steps):
-    """The states (7, members) of all members on a page after some steps."""
     page.evaluate(f"begin({steps} * state.h)")
     page.wait_for_function(f"state.step >= {steps} && !state.busy", timeout=120_000)
     assert page.evaluate("[state.step, state.status]") == [steps, 0]

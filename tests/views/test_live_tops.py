@@ -219,9 +219,8 @@ def test_a_phone_scrolls_and_keeps_the_top_in_view(browser, tmp_path):
     """A swipe up scrolls, one to the side turns the picture, and the body stays on the screen."""
     rm.live("heavy_top", tmp_path / "top.html", members=1)
     size = {"width": 390, "height": 800}
-    phone = browser.new_context(
-        viewport=size, has_touch=True, is_mobile=True, reduced_motion="reduce"
-    )
+    kind = {"has_touch": True, "is_mobile": True, "reduced_motion": "reduce"}
+    phone = browser.new_context(viewport=size, **kind)
     page = phone.new_page()
     page.goto((tmp_path / "top.html").as_uri())
     page.wait_for_function("state.ready")

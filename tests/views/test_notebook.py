@@ -25,8 +25,8 @@ def test_a_scene_tells_body_start_effects_with_price_and_settings():
 def test_a_body_tells_moments_and_which_rotations_are_stable():
     text = body_html(rm.Body.box(1.0, (1.0, 0.5, 0.2)))
     assert "unstable about axis 2" in text and ">principal</th>" in text and "smallest" in text
-    assert "<b>" not in body_html(rm.Body.from_moments((rm.normal(1.0, 0.1), 1.5, 2.0)))
-    assert "normal(1, 0.1)" in body_html(rm.Body.from_moments((rm.normal(1.0, 0.1), 1.5, 2.0)))
+    assert "<b>" not in body_html(rm.Body((rm.normal(1.0, 0.1), 1.5, 2.0)))
+    assert "normal(1, 0.1)" in body_html(rm.Body((rm.normal(1.0, 0.1), 1.5, 2.0)))
 
 
 def test_titles_are_text_and_no_markup():

@@ -18,7 +18,7 @@ def result(tmp_path_factory):
     """A netCDF file and its Dataset: 300 tops, some of which flip, and two of which are flagged."""
     file = tmp_path_factory.mktemp("result") / "r.nc"
     omega = (rm.normal(0, 0.05), 6.0, rm.normal(0, 0.05))
-    scene = rm.Scene(rm.Body.from_moments((0.00121, 0.01638, 0.01748)), start=rm.Start(omega=omega))
+    scene = rm.Scene(rm.Body((0.00121, 0.01638, 0.01748)), start=rm.Start(omega=omega))
     save = ("omega", "flips", "megno")
     ds = rm.simulate(scene, dt=0.01, t_end=1.0, members=300, save=save).load()
     ds["status"][:2] = 1

@@ -70,9 +70,8 @@ def test_the_portrait_of_a_pendulum_and_its_separatrix(pendulums):
     energy = 0.5 * inertia * rate**2 + weight * np.cos(np.radians(theta))
     assert np.ptp(energy) < 1e-6 * abs(energy).max()  # the Hamiltonian; rk8 keeps it to 1e-9
     theta, rate = lines["separatrix"]
-    assert np.allclose(
-        0.5 * inertia * rate**2, abs(weight) * 2.0 * np.sin(0.5 * np.radians(theta)) ** 2
-    )
+    height = 2.0 * np.sin(0.5 * np.radians(theta)) ** 2
+    assert np.allclose(0.5 * inertia * rate**2, abs(weight) * height)
 
 
 def test_curves_at_an_energy_have_it_on_sphere_and_ellipsoid():

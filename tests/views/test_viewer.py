@@ -12,7 +12,7 @@ import rigidmc as rm
 from rigidmc.errors import OptionError, OutputExists
 from rigidmc.runs.frames import frames
 from rigidmc.views import figures
-from rigidmc.views.viewer.data import short, sphere_density
+from rigidmc.views.viewer.data import sphere_density
 from rigidmc.views.viewer.page import view
 from tests.tools.commands import invoke
 
@@ -59,10 +59,6 @@ def test_a_page_knows_the_motion_of_its_members(page, spun):
     assert np.abs(q - shown.attitude.values[..., 0]).max() < 2e-5
 
 
-def test_numbers_of_16_bits():
-    assert short([[1.0, -1.0]])["shape"] == (1, 2)
-
-
 def test_density_is_largest_where_the_members_are(spun):
     dense = sphere_density(spun)
     counts = np.frombuffer(base64.b64decode(dense["bytes"]), "u1").reshape(dense["shape"])
@@ -74,12 +70,8 @@ def test_density_is_largest_where_the_members_are(spun):
 def test_pages_and_pictures_have_one_palette():
     style = files("rigidmc.views.web").joinpath("page.css").read_text("utf-8")
     light = dict(re.findall(r"--([\w-]+): (#\w+)", style.split(":root.dark")[0]))
-    shared = {
-        "ink": figures.INK,
-        "path": figures.PATH,
-        "weight": figures.PULL,
-        "rule": figures.LIGHT,
-    }
+    shared = {"ink": figures.INK, "path": figures.PATH, "weight": figures.PULL}
+    shared["rule"] = figures.LIGHT
     shared |= dict(zip(("one", "two", "three"), figures.AXES, strict=True))
     shared |= {"crowd-middle": figures.CORE, "crowd": figures.MEDIAN}
     assert {name: light[name] for name in shared} == shared
@@ -164,10 +156,8 @@ def map_page(tmp_path_factory):
 def test_the_page_of_a_map_knows_pixels_and_members(map_page):
     path, ds, _ = map_page
     known = data_of(path.read_text())
-    assert [side["values"] for side in known["map"]["sides"]] == [
-        ds.x.values.tolist(),
-        ds.y.values.tolist(),
-    ]
+    sides = [side["values"] for side in known["map"]["sides"]]
+    assert sides == [ds.x.values.tolist(), ds.y.values.tolist()]
     assert len(known["members"]) == 15 and known["map"]["members"] == "2 members"
     one = known["members"][7]
     assert one["pixel"] == [1, 2] and one["index"] == 7
@@ -216,9 +206,8 @@ def test_a_page_knows_the_local_vertical(orbit_page):
     one = data_of(text)["members"][0]
     found = np.frombuffer(base64.b64decode(one["radius"]["i2"]), "<i2").reshape(-1, 2) / 32767
     angle = np.sqrt(7.75e-3) * np.linspace(0.0, one["end"], len(found))
-    assert (
-        np.abs(found - np.stack([np.cos(angle), np.sin(angle)], 1)).max() < 3e-5
-    )  # measured 1.5e-5, half a bit
+    known = np.stack([np.cos(angle), np.sin(angle)], 1)
+    assert np.abs(found - known).max() < 3e-5  # measured 1.5e-5, half a bit
 
 
 # ---- in the browser ------------------------------------------------------------------------
@@ -297,9 +286,8 @@ def test_the_slider_turns_the_body_as_physics_says(tab):
 
 def test_the_numbers_beside_it_are_those_of_the_motion(tab):
     tab.evaluate("seek(0)")
-    state = tab.evaluate(
-        "(() => { const s = stateAt(DATA.members[0], 1.0); return [s.u, s.size]; })()"
-    )
+    code = "const s = stateAt(DATA.members[0], 1.0); return [s.u, s.size]"
+    state = tab.evaluate(f"(() => {{ {code}; }})()")
     assert state[0] == pytest.approx((0.0, 0.0, 1.0), abs=1e-4) and state[1] == pytest.approx(1.0)
     omega = tab.evaluate("omegaOf(DATA.members[0], 7)[2]")
     assert omega == pytest.approx(0.5 * np.pi / QUARTER, rel=1e-4)
@@ -404,9 +392,8 @@ def test_the_local_vertical_turns_with_the_orbit(browser, orbit_page):
     tab = browser.new_page(viewport={"width": 1280, "height": 900})
     tab.goto(orbit_page.as_uri())
     tab.evaluate("seek(10.0)")
-    third = tab.evaluate(
-        "(({ i, w }) => between(member().radius, 2, i, w))(stateAt(member(), page.t))"
-    )
+    radius = "({ i, w }) => between(member().radius, 2, i, w)"
+    third = tab.evaluate(f"({radius})(stateAt(member(), page.t))")
     angle = np.sqrt(7.75e-3) * 10.0
     assert third == pytest.approx((np.cos(angle), np.sin(angle)), abs=2e-4)
     assert "local vertical" in tab.locator(".weight").inner_text()

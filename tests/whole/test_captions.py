@@ -284,7 +284,7 @@ def lean_and_spin():
 
 LIBRARY = "tests/scene/test_library_physics.py::"
 SECTIONS = "tests/studies/test_sections.py::"
-CHAOS = "tests/studies/test_chaotic_tops.py::"
+CHAOS = "tests/studies/test_lyapunov.py::"
 # {title: (phrases that state facts, the check or the names of tests)}
 FACTS = {
     "A T-handle flips again and again": (["about its middle axis", "every few seconds"], handle),

@@ -37,18 +37,15 @@ def solidworks(masses, x, sign=1.0, blocks="PLI", words="", digits=6, unit="gram
         text.append("Taken at the center of mass.")
         for a, axis, moment in zip("xyz", axes.T, moments, strict=True):
             text.append(f"I{a} = ({', '.join(map(number, axis))})\tP{a} = {number(moment)}")
-    if "L" in blocks:
-        text += [
-            f"Moments of inertia: ( {unit} )",
-            f"Taken at the center of mass and aligned with the output coordinate system. {words}",
-            tensor("L", own),
-        ]
-    if "I" in blocks:
-        text += [
-            f"Moments of inertia: ( {unit} )",
-            f"Taken at the output coordinate system. {words}",
-            tensor("I", inertia.of_particles(masses, x)),
-        ]
+    about_centre = "at the center of mass and aligned with the output coordinate system"
+    about_origin = inertia.of_particles(masses, x)
+    for letter, point, whole in (
+        ("L", about_centre, own),
+        ("I", "at the output coordinate system", about_origin),
+    ):
+        if letter in blocks:
+            text += [f"Moments of inertia: ( {unit} )", f"Taken {point}. {words}"]
+            text.append(tensor(letter, whole))
     return "\n".join(text)
 
 
@@ -108,9 +105,7 @@ def test_what_reads_two_ways_is_refused(tmp_path):
     masses, x = particles(3)
     with pytest.raises(rm.SceneError, match=r"\[body\] products: .* read two ways"):
         read(tmp_path, solidworks(masses, x, blocks="L"))
-    text = solidworks(masses, x, blocks="L", words="").replace(
-        "Taken at the center of mass", "Taken"
-    )
+    text = solidworks(masses, x, blocks="L").replace("Taken at the center of mass", "Taken")
     text = text.replace("output coordinate system", "drawing")
     with pytest.raises(rm.SceneError, match=r"\[body\] about: .* about which point"):
         read(tmp_path, text, products="positive")
@@ -144,45 +139,39 @@ Lzz: 0.0425 kg m²
     assert read(tmp_path, text).centre == (0.01, -0.02, 0.005)
 
 
-@pytest.mark.parametrize(
-    ("text", "kind", "factor"),
-    [
-        ("( grams * square millimeters )", INERTIA, 1e-9),
-        (
-            "Moments: ( pounds * square inches ) Taken (Using positive tensor notation.)",
-            INERTIA,
-            0.45359237 * 0.0254**2,
-        ),
-        ("kg m^2", INERTIA, 1.0),
-        ("kg*mm2", INERTIA, 1e-6),
-        ("lb in²", INERTIA, 0.45359237 * 0.0254**2),
-        ("slugs * square feet", INERTIA, 4.4482216152605 * 0.3048),  # lbf ft s2
-        ("grams", MASS, 1e-3),
-        (" lb", MASS, 0.45359237),
-        ("( inches )", LENGTH, 0.0254),
-    ],
-)
-def test_units(text, kind, factor):
+POUND, INCH = 0.45359237, 0.0254
+UNITS = {
+    "( grams * square millimeters )": (INERTIA, 1e-9),
+    "Moments: ( pounds * square inches ) Taken (Using tensor notation.)": (
+        INERTIA,
+        POUND * INCH**2,
+    ),
+    "kg m^2": (INERTIA, 1.0),
+    "kg*mm2": (INERTIA, 1e-6),
+    "lb in²": (INERTIA, POUND * INCH**2),
+    "slugs * square feet": (INERTIA, 4.4482216152605 * 0.3048),  # lbf ft s2
+    "grams": (MASS, 1e-3),
+    " lb": (MASS, POUND),
+    "( inches )": (LENGTH, INCH),
+}
+
+
+@pytest.mark.parametrize("text", UNITS)
+def test_units(text):
+    kind, factor = UNITS[text]
     assert find_unit(text, kind, "x", "f") == pytest.approx(factor, rel=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("text", "kind"),
-    [
-        ("", MASS),
-        ("stone", MASS),
-        ("kg m", INERTIA),
-        ("kg", INERTIA),
-        ("mm^2", LENGTH),
-        ("kg m^2 s", INERTIA),
-        ("grams per cubic mm", MASS),
-        ("furlongs", LENGTH),
-        ("^" + " " * 2_000_000, "mass"),  # took the square of its length
-    ],
-)
-def test_units_that_are_not(text, kind):
-    with pytest.raises(rm.FileError, match=f"expected a unit of {kind}"):
-        find_unit(text, kind, "x", "f")
+LONG = "^" + " " * 2_000_000  # took the square of its length
+NO_UNITS = {INERTIA: ("kg m", "kg", "kg m^2 s"), LENGTH: ("mm^2", "furlongs")}
+NO_UNITS[MASS] = "", "stone", "grams per cubic mm", LONG
+
+
+@pytest.mark.parametrize("kind", NO_UNITS)
+def test_units_that_are_not(kind):
+    for text in NO_UNITS[kind]:
+        with pytest.raises(rm.FileError, match=f"expected a unit of {kind}"):
+            find_unit(text, kind, "x", "f")
 
 
 @pytest.mark.parametrize(

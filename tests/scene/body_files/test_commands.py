@@ -22,9 +22,8 @@ def test_a_link_is_described(tmp_path):
     assert shown.exit_code == 0 and "mass         2.275 kg" in shown.stdout
     shown = body_command(tmp_path / "ur5.urdf", "--link", "forearm_link", "--json")
     assert json.loads(shown.stdout)["centre"] == [0.0, 0.0, 0.25]
-    moved = body_command(
-        tmp_path / "ur5.urdf", "--link", "forearm_link", "--pivot", "0,0,0.05", "--json"
-    )
+    words = "--link", "forearm_link", "--pivot", "0,0,0.05", "--json"
+    moved = body_command(tmp_path / "ur5.urdf", *words)
     assert json.loads(moved.stdout)["centre"] == [0.0, 0.0, 0.2]
 
 
@@ -75,9 +74,7 @@ def test_damaged_files_make_a_body_or_an_error(tmp_path, name, text, link):
         letters = list(text)
         for _ in range(chance.choice([1, 1, 2, 5, 20])):
             at = chance.randrange(len(letters))
-            letters[at] = chance.choice(
-                ["", "0", "9", "-", "<", ">", '"', "e", " ", "x", "/", "\n"]
-            )
+            letters[at] = chance.choice((*'09-<>"e x/\n', ""))
         (tmp_path / name).write_text("".join(letters))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", rm.SceneWarning)

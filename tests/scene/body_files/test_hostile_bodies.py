@@ -83,7 +83,6 @@ def large(some, ending):
 
 
 def hostile_text(some, ending):
-    """The bytes of a hostile text of a body."""
     text, what = GOOD[ending], some.choice(("bytes", "piece", "number", "large", "gone", "head"))
     if what == "bytes":
         return bytes_of(some, text.encode())
@@ -121,7 +120,6 @@ def claim(some, path):
 
 
 def hostile_body(some, folder):
-    """Write a hostile body file; return its path."""
     ending = some.choice((*GOOD, *GOOD, *MESHES))
     path = os.path.join(folder, f"hostile{ending}")
     if ending in GOOD:
@@ -137,7 +135,6 @@ def hostile_body(some, folder):
 
 
 def kilobytes(process, word):
-    """Memory of a process, a line of its status."""
     with open(f"/proc/{process.pid}/status") as file:
         return int(re.search(rf"{word}:\s*(\d+)", file.read())[1])
 
@@ -160,7 +157,6 @@ class Meter:
         self.ended = sum(self.me.cpu_times()[2:4])
 
     def end(self):
-        """Return (seconds, megabytes)."""
         seconds, size = sum(self.me.cpu_times()[2:4]) - self.ended, 0
         for one in self._tree():
             size += kilobytes(one, "VmHWM") - self.kept.get(one.pid, 0)

@@ -143,9 +143,8 @@ def test_ur5(tmp_path):
     assert np.abs(forearm.tensor - expected).max() < 1e-15  # measured 0
     assert (forearm.mass, forearm.centre) == (2.275, (0.0, 0.0, 0.25))
     upper = read(tmp_path, "ur5.urdf", UR5, link="upper_arm_link", pivot="centre")
-    assert (
-        np.abs(upper.tensor - np.diag([0.226890675911] * 2 + [0.0151074])).max() < 1e-15
-    )  # measured 2.8e-17
+    expected = np.diag([0.226890675911] * 2 + [0.0151074])
+    assert np.abs(upper.tensor - expected).max() < 1e-15  # measured 2.8e-17
 
 
 @pytest.mark.filterwarnings("ignore:.*includes")
