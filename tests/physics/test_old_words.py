@@ -3,7 +3,6 @@
 Until 1.0: then the tables of old words go, and this file with them.
 """
 
-import importlib
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -60,48 +59,23 @@ def with_word(base, word):
     return type("Own", (base,), {word: 1.0})
 
 
-@pytest.mark.parametrize("old", effects.OLD_WORDS)
-def test_old_words_of_effects(old):
-    scene = rm.Scene(BODY, with_word(Weight, old)(), rm.Start(omega=(0.1, 1.0, 0.0)))
-    with pytest.raises(rm.SceneError, match=rf"Own.{old}: is now called {effects.OLD_WORDS[old]}"):
-        rm.prepare(scene, **RUN)
-    with pytest.raises(TypeError, match=f"{old} is now called {effects.OLD_WORDS[old]}"):
-        effects.effect(**{old: True})
+def running(kind, **facts):
+    return observables.running(**{"state_size": 1, "outputs": OUTPUTS} | facts)(kind)
 
 
-def test_an_effect_with_nothing_but_an_old_word():
-    own = type("Own", (tuple,), {"_fields": (), "shake": lambda self, l: l})()
-    with pytest.raises(rm.SceneError, match="is now called add_noise"):
-        rm.prepare(rm.Scene(BODY, own), **RUN)
+def prepared(*effects, integrator=None, save=None):
+    scene = rm.Scene(BODY, effects, rm.Start(omega=(0.1, 1.0, 0.0)))
+    more = {"integrator": integrator, "save": save}
+    return rm.prepare(scene, **RUN, **{k: x for k, x in more.items() if x is not None})
 
 
-@pytest.mark.parametrize("old", integrators.OLD_WORDS)
-def test_old_words_of_integrators(old):
-    own = with_word(Step, old)()
-    with pytest.raises(rm.SceneError, match=f"is now called {integrators.OLD_WORDS[old]}"):
-        rm.prepare(rm.Scene(BODY), own, **RUN)
-
-
-@pytest.mark.parametrize("old", observables.OLD_WORDS)
-def test_old_words_of_observables(old):
-    own = observables.running(state_size=1, outputs=OUTPUTS)(with_word(First, old))
-    with pytest.raises(rm.SceneError, match=f"is now called {observables.OLD_WORDS[old]}"):
-        rm.prepare(rm.Scene(BODY), save=(own(),), **RUN)
-    with pytest.raises(TypeError, match=f"{old} is now called {observables.OLD_WORDS[old]}"):
-        observables.running(outputs=OUTPUTS, **{old: 1})
-
-
-@pytest.mark.parametrize(("old", "new"), OLD_ARGUMENTS.items())
-def test_old_arguments(old, new):
+def argued(old):
+    """Prepare a scene with a part whose method names an old argument."""
     if old == "kept":
-        names = {"update": eval(f"lambda self, {old}: {old}")}
-        own = observables.running(state_size=1, outputs=OUTPUTS)(type("Own", (First,), names))
-        some, named = (), {"save": (own(),)}
-    else:
-        own = type("Own", (Step,), {"step": eval(f"lambda self, {old}, q, l: (q, l)")})
-        some, named = (own(),), {}
-    with pytest.raises(rm.SceneError, match=rf"unknown argument '{old}'.*did you mean '{new}'"):
-        rm.prepare(rm.Scene(BODY), *some, **named, **RUN)
+        kind = type("Own", (First,), {"update": eval(f"lambda self, {old}: {old}")})
+        return prepared(save=(running(kind)(),))
+    step = eval(f"lambda self, {old}, q, l: (q, l)")
+    return prepared(integrator=type("Own", (Step,), {"step": step})())
 
 
 LINE = type(
@@ -109,47 +83,57 @@ LINE = type(
 )
 
 
-@pytest.mark.parametrize("old", OLD_WORDS)
-def test_old_words_of_distributions(old):
+def started(old):
     own = dataclass(frozen=True)(type("Own", (LINE,), {old: ("omega",), "__annotations__": {}}))
-    with pytest.raises(rm.SceneError, match=rf"Own.{old}: is now called {OLD_WORDS[old]}"):
-        rm.Start(omega=own())
+    return rm.Start(omega=own())
 
 
-@pytest.mark.parametrize(("value", "old"), [
-    (value, old) for value in (BODY, rm.Start(omega=(0.0, 0.0, 1.0))) for old in value._OLD_NAMES
-])  # fmt: skip
-def test_old_names_of_bodies_and_starts(value, old):
-    new, kind = value._OLD_NAMES[old], type(value).__name__
-    assert hasattr(value, new)
-    with pytest.raises(AttributeError, match=f"{kind}.{old} is now called {new}"):
-        getattr(value, old)
+def rows():
+    """Yield (what is refused, its error, its words) for each old word."""
+    for old, new in effects.OLD_WORDS.items():
+        own = with_word(Weight, old)()
+        yield lambda own=own: prepared(own), rm.SceneError, rf"Own.{old}: is now called {new}"
+        one = lambda old=old: effects.effect(**{old: True})  # noqa: E731
+        yield one, TypeError, f"{old} is now called {new}"
+    alone = type("Own", (tuple,), {"_fields": (), "shake": lambda self, l: l})()
+    yield lambda: prepared(alone), rm.SceneError, "is now called add_noise"
+    for old, new in integrators.OLD_WORDS.items():
+        own = with_word(Step, old)()
+        yield lambda own=own: prepared(integrator=own), rm.SceneError, f"is now called {new}"
+    for old, new in observables.OLD_WORDS.items():
+        own = running(with_word(First, old))()
+        yield lambda own=own: prepared(save=(own,)), rm.SceneError, f"is now called {new}"
+        one = lambda old=old: observables.running(outputs=OUTPUTS, **{old: 1})  # noqa: E731
+        yield one, TypeError, f"{old} is now called {new}"
+    for old, new in OLD_ARGUMENTS.items():
+        words = rf"unknown argument '{old}'.*did you mean '{new}'"
+        yield lambda old=old: argued(old), rm.SceneError, words
+    for old, new in OLD_WORDS.items():
+        yield lambda old=old: started(old), rm.SceneError, rf"Own.{old}: is now called {new}"
+    for value in (BODY, rm.Start(omega=(0.0, 0.0, 1.0))):
+        for old, new in value._OLD_NAMES.items():
+            assert hasattr(value, new)
+            words = f"{type(value).__name__}.{old} is now called {new}"
+            yield lambda value=value, old=old: getattr(value, old), AttributeError, words
+    for old in scene._GONE:
+        one = lambda old=old: getattr(rm.Scene(BODY), old)  # noqa: E731
+        yield one, AttributeError, f"Scene.{old} was removed: "
+    for old, new in rm._OLD_NAMES.items():
+        assert hasattr(rm, new) and old not in dir(rm)
+        words = f"rigidmc.{old} is now called rigidmc.{new}"
+        yield lambda old=old: getattr(rm, old), ImportError, words
+    for old, new in protocols._OLD.items():
+        assert hasattr(protocols, new)
+        yield lambda old=old: getattr(protocols, old), ImportError, f"{old} is now called {new}"
 
 
-@pytest.mark.parametrize("old", scene._GONE)
-def test_what_a_scene_had(old):
-    with pytest.raises(AttributeError, match=f"Scene.{old} was removed: "):
-        getattr(rm.Scene(BODY), old)
-
-
-@pytest.mark.parametrize("old", rm._OLD_NAMES)
-def test_old_names_of_the_package(old):
-    new = rm._OLD_NAMES[old]
-    assert hasattr(rm, new) and old not in dir(rm)
-    with pytest.raises(ImportError, match=f"rigidmc.{old} is now called rigidmc.{new}"):
-        getattr(rm, old)
-
-
-@pytest.mark.parametrize(("old", "new"), protocols._OLD.items())
-def test_old_names_of_functions(old, new):
-    assert hasattr(protocols, new)
-    with pytest.raises(ImportError, match=f"{old} is now called {new}"):
-        getattr(importlib.import_module("rigidmc.protocols"), old)
+@pytest.mark.parametrize(("refused", "error", "words"), [*rows()])
+def test_old_words_are_refused_with_the_new(refused, error, words):
+    with pytest.raises(error, match=words):
+        refused()
 
 
 def test_new_words_are_taken():
-    scene = rm.Scene(BODY, (), rm.Start(omega=(0.1, 1.0, 0.0)))
-    own = observables.running(state_size=1, outputs=OUTPUTS)(First)
-    rm.prepare(scene, save=(own(),), **RUN)
+    prepared(save=(running(First)(),))
     with pytest.raises(AttributeError, match="no attribute 'down'"):
         _ = protocols.down

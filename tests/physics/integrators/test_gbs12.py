@@ -1,5 +1,6 @@
 """gbs12 in plain Python, most of it in 40 digits: its errors are below the digits of a float."""
 
+import math
 from fractions import Fraction
 
 import mpmath
@@ -28,19 +29,10 @@ def end(steps):
 def exact(monkeypatch):
     """Weights and spans in 40 digits."""
     spans = [Fraction(2, n) for n in gbs12.SUBSTEPS]
-    full = []
-    for i, span in enumerate(spans):
-        weight = Fraction(1)
-        for other in spans[:i] + spans[i + 1 :]:
-            weight /= 1 - (span / other) ** 2
-        full.append(weight)
+    full = [1 / math.prod(1 - (s / other) ** 2 for other in spans if other != s) for s in spans]
+    rates = [w / s for w, s in zip(full, spans, strict=True)]
     with mpmath.workdps(DIGITS):
-        tables = {
-            "_SPANS": spans,
-            "_B": full,
-            "_C": [w / s for w, s in zip(full, spans, strict=True)],
-        }
-        for name, table in tables.items():
+        for name, table in (("_SPANS", spans), ("_B", full), ("_C", rates)):
             full_table = tuple(mpmath.mpf(x.numerator) / x.denominator for x in table)
             pairs = zip(full_table, getattr(gbs12, name), strict=True)
             assert all(abs(a - b) < 1e-14 for a, b in pairs)
@@ -67,9 +59,6 @@ def test_a_wrong_weight_spoils_the_order(exact, monkeypatch, table):
 def test_a_constant_rate_is_integrated_to_the_last_digit():
     """Without the correction of the first weight, the sums differ from 1 by 1e-15."""
     for power, weights in ((1, gbs12._B), (2, gbs12._C)):
-        lengths = [
-            Fraction(span) ** power * n / 2
-            for span, n in zip(gbs12._SPANS, gbs12.SUBSTEPS, strict=True)
-        ]
-        total = sum(Fraction(w) * x for w, x in zip(weights, lengths, strict=True))
+        parts = zip(weights, gbs12._SPANS, gbs12.SUBSTEPS, strict=True)
+        total = sum(Fraction(w) * Fraction(span) ** power * n / 2 for w, span, n in parts)
         assert abs(total - 1) < 1e-19

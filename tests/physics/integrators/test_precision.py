@@ -108,9 +108,8 @@ def test_rounding_grows_with_the_root_of_the_steps_at_most():
         for steps in (20_000, 320_000):
             moved = block.copy()
             run(moved, made, (), 1e-3, steps, compensated=compensated)
-            drift.append(
-                np.sqrt(np.mean(((moved[K.MOMENTUM : K.EXTRA] ** 2).sum(0) / size - 1.0) ** 2))
-            )
+            off = (moved[K.MOMENTUM : K.EXTRA] ** 2).sum(0) / size - 1.0
+            drift.append(np.sqrt(np.mean(off**2)))
         drifts[compensated] = drift
     assert drifts[True][1] < 3e-16
     assert drifts[False][1] > 3.0 * drifts[True][1]
@@ -118,20 +117,10 @@ def test_rounding_grows_with_the_root_of_the_steps_at_most():
 
 
 def test_starts_saves_and_drifts_are_float64_whatever_the_steps_are():
-    scene = rm.Scene(
-        rm.Body.from_moments((1.0, 1.4, 2.0)), (), rm.Start(omega=(rm.normal(0.0, 1.0), 1.0, 0.2))
-    )
-    ds = rm.simulate(
-        scene,
-        dtype="float32",
-        t_end=1.0,
-        every=0.5,
-        members=64,
-        save=("omega", "energy", "energy_drift"),
-    )
-    double = rm.simulate(
-        scene, t_end=1.0, every=0.5, members=64, save=("omega", "energy", "energy_drift")
-    )
+    start = rm.Start(omega=(rm.normal(0.0, 1.0), 1.0, 0.2))
+    scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0)), (), start)
+    run = {"t_end": 1.0, "every": 0.5, "members": 64, "save": ("omega", "energy", "energy_drift")}
+    ds, double = (rm.simulate(scene, dtype=dtype, **run) for dtype in ("float32", "float64"))
     assert np.array_equal(ds.omega[0], double.omega[0])  # the start itself, not rounded to float32
     assert ds.energy.dtype == np.float64
     assert 1e-9 < float(ds.energy_drift_max.max()) < 1e-5
@@ -141,26 +130,20 @@ def test_starts_saves_and_drifts_are_float64_whatever_the_steps_are():
 @cache
 def driven():
     """64 heavy tops with a thrust in the body, and their state after 10 s."""
-    some = np.random.default_rng(0)
-    moments = tuple(
-        some.uniform(low, high, 64) for low, high in ((0.8, 1.0), (0.9, 1.2), (1.0, 1.5))
-    )
+    some, ranges = np.random.default_rng(0), ((0.8, 1.0), (0.9, 1.2), (1.0, 1.5))
+    moments = tuple(some.uniform(low, high, 64) for low, high in ranges)
     body = rm.Body.from_moments(moments, mass=1.0, centre=tuple(some.normal(0.0, 0.2, (3, 64))))
     start = rm.Start(omega=tuple(some.normal(size=(3, 64))), attitude="uniform")
-    scene = rm.Scene(body, (rm.Gravity(1.0), rm.BodyTorque((0.05, -0.03, 0.04))), start).with_run(
-        members=64, t_end=10.0
-    )
+    effects = rm.Gravity(1.0), rm.BodyTorque((0.05, -0.03, 0.04))
+    scene = rm.Scene(body, effects, start).with_run(members=64, t_end=10.0)
     return scene, end(scene, "rk8", 4000)
 
 
 def end(scene, name, steps, **options):
     """(momentum (n, 3), attitude (n, 4)) at the end."""
-    last = rm.simulate(
-        scene, integrator=name, dt=scene.run.t_end / steps, save=("momentum", "attitude"), **options
-    ).isel(time=-1)
-    return last.momentum.transpose("member", "axis").values, last.attitude.transpose(
-        "member", "quat"
-    ).values
+    run = {"dt": scene.run.t_end / steps, "save": ("momentum", "attitude"), **options}
+    last = rm.simulate(scene, integrator=name, **run).isel(time=-1)
+    return last.momentum.values.T, last.attitude.values.T
 
 
 def single_error(name, steps):

@@ -43,12 +43,8 @@ def fast_end():
 
 def ends(name, problem, steps, symmetric=False):
     """(q, L) after `steps` steps, q on the side of the true one."""
-    made = prepare(
-        INTEGRATORS[name],
-        turn(problem, problem.time / min(steps, 50)),
-        problem.effects,
-        symmetric=symmetric,
-    )
+    size = turn(problem, problem.time / min(steps, 50))
+    made = prepare(INTEGRATORS[name], size, problem.effects, symmetric=symmetric)
     q, l = march(INTEGRATORS[name], [problem], problem.time / steps, steps, made=made)
     return q[:, 0], l[:, 0]
 

@@ -52,11 +52,16 @@ def directions(t):
     }
 
 
+def turned(result, axis):
+    """An axis of the body in space, (times, members, 3)."""
+    q = result.attitude.transpose("time", "member", "quat").values
+    axes = Rotation.from_quat(q.reshape(-1, 4), scalar_first=True).apply(axis)
+    return axes.reshape(*q.shape[:2], 3)
+
+
 def cosines(result, about):
     """Of axis 1 and a direction, (times, members)."""
-    q = result.attitude.transpose("time", "member", "quat").values
-    turned = Rotation.from_quat(q.reshape(-1, 4)[:, [1, 2, 3, 0]]).apply([1.0, 0.0, 0.0])
-    return (turned.reshape(*q.shape[:2], 3) * directions(result.time.values)[about][:, None]).sum(2)
+    return (turned(result, [1.0, 0, 0]) * directions(result.time.values)[about][:, None]).sum(2)
 
 
 def counted(beyond):
@@ -99,20 +104,26 @@ def test_scene_files_take_them():
     assert [one.at_start for one in loaded.observables] == [one.at_start for one in WATCHED]
 
 
-@pytest.mark.parametrize("about", ["sideways", (1.0, 2.0), (0.0, 0.0, 0.0), ("a", 1, 2), math.nan])
-def test_what_is_no_direction_is_told(about):
-    with pytest.raises(SceneError, match=r"observables\.passage.*about.*local_vertical"):
-        rm.Scene(SCENE.body, observables=(rm.Passage(1, 1.0, about=about),))
+FIELD = rm.UniformField((0.0, 0.0, 1.0), (0.3, 0.4, 1.2))
+NO_DIRECTION = r"observables\.passage.*about.*local_vertical"
 
 
-def test_a_word_for_the_start_is_count_or_ignore():
-    with pytest.raises(SceneError, match=r"at_start.*count, ignore"):
-        rm.Scene(SCENE.body, observables=(rm.Passage(1, 1.0, at_start="skip"),))
-
-
-def test_without_an_orbit_there_is_no_local_vertical():
-    scene = rm.Scene(SCENE.body, observables=(rm.Passage(1, 1.0, about="local_vertical"),))
-    with pytest.raises(SceneError, match=r"add \[effects.gravity_gradient\]"):
+@pytest.mark.parametrize(
+    ("event", "effects", "words"),
+    [
+        *(({"about": about}, None, NO_DIRECTION)
+          for about in ("sideways", (1.0, 2.0), (0.0, 0.0, 0.0), ("a", 1, 2), math.nan)),
+        ({"at_start": "skip"}, None, r"at_start.*count, ignore"),
+        ({"about": "local_vertical"}, (), r"add \[effects.gravity_gradient\]"),
+        ({"about": "field"}, ORBIT, r"add \[effects\.uniform_field\]"),
+        ({"about": "field"}, (FIELD, FIELD), "expected one field"),
+    ],
+)  # fmt: skip
+def test_what_is_no_direction_is_told(event, effects, words):
+    """By the scene, or where effects count by its run."""
+    with pytest.raises(SceneError, match=words):
+        scene = rm.Scene(SCENE.body, effects or (), observables=(rm.Passage(1, 1.0, **event),))
+        assert effects is not None
         rm.simulate(scene, dt=1.0, t_end=2.0, members=2, save=("passage",))
 
 
@@ -142,42 +153,24 @@ def test_a_passage_about_a_field_follows_it(rate):
     start = rm.Start(omega=(rm.normal(0.0, 1.0),) * 3, attitude="uniform")
     seen = rm.Passage(-2, ANGLE, "reaches", "field")
     scene = rm.Scene(body, (rm.BodyTorque((0.0, 0.0, 0.01)), field), start, observables=(seen,))
-    run = rm.simulate(
-        scene, "rk4", dt=0.01, t_end=20.0, every=0.01, members=64, save=("passage", "attitude")
-    )
-    q = run.attitude.transpose("time", "member", "quat").values
-    axes = Rotation.from_quat(q.reshape(-1, 4)[:, [1, 2, 3, 0]]).apply([0.0, -1.0, 0.0])
-    count = {}
+    ways = {"dt": 0.01, "t_end": 20.0, "every": 0.01, "members": 64}
+    run = rm.simulate(scene, "rk4", **ways, save=("passage", "attitude"))
+    axes, count = turned(run, [0.0, -1.0, 0.0]), {}
     for turn in (0.0, TURNS):
-        turned = Rotation.from_rotvec(np.outer(turn * run.time.values, (0.0, 0.0, 1.0))).apply(
-            np.array(B) / 1.3
-        )
-        beyond = (axes.reshape(*q.shape[:2], 3) * turned[:, None]).sum(2) > math.cos(ANGLE)
-        count[turn] = counted(beyond)[0]
+        about = Rotation.from_rotvec(np.outer(turn * run.time.values, (0.0, 0.0, 1.0)))
+        cosine = (axes * about.apply(np.array(B) / 1.3)[:, None]).sum(2)
+        count[turn] = counted(cosine > math.cos(ANGLE))[0]
     # a passage that comes and goes within 10 ms is in the result alone: none is, or few are
     assert np.abs(run.passages.values - count[rate]).sum() <= 2 and count[rate].sum() > 100
     assert np.mean(run.passages.values != count[TURNS - rate]) > 0.4  # the other field
     assert "about the field" in run.passages.long_name
 
 
-def test_a_field_must_be_there_and_be_one():
-    def refused(*effects):
-        seen = rm.Passage(1, 1.0, about="field")
-        scene = rm.Scene(SCENE.body, effects, observables=(seen,))
-        with pytest.raises(SceneError) as told:
-            rm.simulate(scene, dt=1.0, t_end=2.0, members=2, save=("passage",))
-        return str(told.value)
-
-    one = rm.UniformField((0.0, 0.0, 1.0), B)
-    assert "add [effects.uniform_field]" in refused(ORBIT)
-    assert "expected one field" in refused(one, one)
-
-
 def test_two_passages_are_saved_by_their_labels():
     two = rm.Passage(1, 0.5), rm.Passage(2, 0.5)
     scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), observables=two)
-    both = [label for label, _ in scene.with_run(save=("passage", "passage_2")).recording.monitored]
-    assert both == ["passage", "passage_2"]
-    assert [label for label, _ in scene.with_run(save=("passage_2",)).recording.monitored] == both
+    for save in (("passage", "passage_2"), ("passage_2",)):
+        monitored = scene.with_run(save=save).recording.monitored
+        assert [label for label, _ in monitored] == ["passage", "passage_2"]
     with pytest.raises(rm.SceneError, match="no such observable"):
         scene.with_run(save=("passage_3",))

@@ -22,7 +22,7 @@ TOPS = rm.Scene(
     rm.Start(omega=(rm.normal(0.0, 2.0), rm.normal(0.0, 2.0), 1.0), attitude="uniform"),
     observables=tuple(rm.Passage(3, ANGLE, way, at_start=at, hold=hold) for way, hold, at in CASES),
 )
-MEMBERS = 96
+RUN = {"t_end": T_END, "members": 96, "seed": 3}
 
 
 def of(run, i):
@@ -54,11 +54,13 @@ def stays(levels, times, hold, at_start):
 @pytest.fixture(scope="module")
 def saved():
     """(times, what the cosine of the tilt is beyond the cone) at small steps."""
-    run = rm.simulate(
-        TOPS, "rk8", dt=0.01, t_end=T_END, every=0.01, members=MEMBERS, seed=3, save=("attitude",)
-    )
+    run = rm.simulate(TOPS, "rk8", dt=0.01, every=0.01, **RUN, save=("attitude",))
+    return run.time.values, beyond_the_cone(run)
+
+
+def beyond_the_cone(run):
     w, x, y, z = run.attitude.transpose("quat", "time", "member").values
-    return run.time.values, w * w - x * x - y * y + z * z - math.cos(ANGLE)
+    return w * w - x * x - y * y + z * z - math.cos(ANGLE)
 
 
 def expected(saved, case, hold=None):
@@ -69,7 +71,7 @@ def expected(saved, case, hold=None):
 
 @pytest.mark.parametrize("dt", [0.05, 0.1])
 def test_stays_do_not_depend_on_the_step(saved, dt):
-    run = rm.simulate(TOPS, "rk8", dt=dt, t_end=T_END, members=MEMBERS, seed=3, save=("passage",))
+    run = rm.simulate(TOPS, "rk8", dt=dt, **RUN, save=("passage",))
     coarse = tuple(part[::10] for part in saved)
     for i, case in enumerate(CASES):
         (count, first, last), found = expected(saved, case), of(run, i)
@@ -86,10 +88,7 @@ def test_stays_do_not_depend_on_the_step(saved, dt):
 
 def test_a_stay_stops_a_member_once_it_has_lasted(saved):
     stopping = replace(TOPS, observables=(TOPS.observables[0]._replace(stop=True),))
-    run = rm.simulate(
-        stopping, "rk8", dt=0.05, t_end=T_END, every=0.05, members=MEMBERS, seed=3,
-        save=("passage", "attitude"),
-    )  # fmt: skip
+    run = rm.simulate(stopping, "rk8", dt=0.05, every=0.05, **RUN, save=("passage", "attitude"))
     (count, first, last), known = of(run, 0), expected(saved, CASES[0])
     assert np.array_equal(count, known[0] > 0)
     assert np.nanmax(np.abs(first - known[1])) < 5e-4  # measured 8.9e-5
@@ -102,11 +101,9 @@ def test_a_stay_stops_a_member_once_it_has_lasted(saved):
 
 def test_noise_leaves_the_ends_of_steps():
     scene = replace(TOPS, effects=(rm.Gravity(9.81), rm.Bath(0.5, 1.0)))
-    run = rm.simulate(
-        scene, "strang", dt=0.02, t_end=5.0, every=0.02, members=32, save=("passage", "attitude")
-    )
-    w, x, y, z = run.attitude.transpose("quat", "time", "member").values
-    level = math.cos(ANGLE) - (w * w - x * x - y * y + z * z)
+    ways = {"dt": 0.02, "t_end": 5.0, "every": 0.02, "members": 32}
+    run = rm.simulate(scene, "strang", **ways, save=("passage", "attitude"))
+    level = -beyond_the_cone(run)
     for i, (way, hold, at) in enumerate(CASES):
         known = stays(level if way == "leaves" else -level, run.time.values, hold, at)
         found = of(run, i)

@@ -72,9 +72,8 @@ def test_one_file_is_all_that_an_observable_and_an_event_need(new):
 
 
 def test_a_class_that_lacks_something_is_refused():
-    with pytest.raises(
-        TypeError, match="Empty has no state_size, begin, update, results: see Running"
-    ):
+    words = "Empty has no state_size, begin, update, results: see Running"
+    with pytest.raises(TypeError, match=words):
         running()(type("Empty", (), {}))
     with pytest.raises(TypeError, match="Running has no colour"):
         running(colour="red")

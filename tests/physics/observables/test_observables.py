@@ -58,9 +58,8 @@ def test_value_and_facts(name):
         assert np.allclose(found, TRUE[name], rtol=1e-15, atol=1e-15)
     assert np.isfinite(found).all()
     assert isinstance(kind(), Observable)
-    assert all(
-        isinstance(fact, str) and fact for fact in (kind.units, kind.long_name, kind.__doc__)
-    )
+    for fact in (kind.units, kind.long_name, kind.__doc__):
+        assert isinstance(fact, str) and fact
 
 
 def test_every_observable_has_its_value_in_numpy():
@@ -131,20 +130,10 @@ def test_a_drift_is_relative_to_a_thousandth_of_the_energies_in_play_at_least():
     """E(0) is 2e-4 kinetic, under 1e-3 of the 3 J in play, and 2 J beyond it."""
     body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.0, 0.0, 0.3))
     for spin, relative_to in ((0.02, 1e-3 * (3.0 + 2e-4)), (2.0, 2.0)):
-        start = rm.Start(
-            omega=(spin, 0.0, 0.0), attitude=(np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0)
-        )
-        scene = rm.Scene(body, (rm.Gravity(10.0),), start)
-        ds = rm.simulate(
-            scene,
-            "rk4",
-            dt=0.1,
-            t_end=2.0,
-            every=0.5,
-            members=2,
-            checks=False,
-            save=("energy", "energy_drift"),
-        )
+        level = np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0
+        scene = rm.Scene(body, rm.Gravity(10.0), rm.Start(omega=(spin, 0.0, 0.0), attitude=level))
+        run = {"dt": 0.1, "t_end": 2.0, "every": 0.5, "members": 2, "checks": False}
+        ds = rm.simulate(scene, "rk4", **run, save=("energy", "energy_drift"))
         change = (ds.energy - ds.energy[0]).values[1:]
         assert np.abs(change).min() > 1e-9
         assert np.allclose(change / ds.energy_drift.values[1:], relative_to, rtol=1e-6)

@@ -47,10 +47,8 @@ def test_two_of_a_class_and_statistics_are_those_of_the_states():
         assert ds[name].attrs["long_name"] == f"height of the point {at:g} m up axis 3"
     assert (ds.height_2_max.values >= ds.height_2.values.max(0)).all()
     assert ds.rises.dims == ("member",)
-    assert (
-        save_for_measures(TOP.with_run(save=save), ["mean(height_max)"]).run.save[-1]
-        == "height_max"
-    )
+    added = save_for_measures(TOP.with_run(save=save), ["mean(height_max)"]).run.save[-1]
+    assert added == "height_max"
 
 
 def own(decorator, body, **facts):
@@ -60,21 +58,20 @@ def own(decorator, body, **facts):
     return decorator(**facts)(names["Own"])
 
 
+OUTPUTS = {"own": ("1", "own", ())}
+
+
 def a_value(body, **facts):
     return own(observable, body, **{"units": "1", "long_name": "own", "dims": ()} | facts)
 
 
 def an_event(body, **facts):
-    return own(event, body, **{"outputs": {"own": ("1", "own", ())}} | facts)
+    return own(event, body, **{"outputs": OUTPUTS} | facts)
 
 
 def a_running(body, **facts):
-    more = "def results(self, state, steps): return {'own': state[0]}"
-    return own(
-        running,
-        f"{body}\n{more}",
-        **{"state_size": 1, "outputs": {"own": ("1", "own", ())}} | facts,
-    )
+    body += "\ndef results(self, state, steps): return {'own': state[0]}"
+    return own(running, body, **{"state_size": 1, "outputs": OUTPUTS} | facts)
 
 
 LEVEL = "def level(self, q): return q[0]\n"
@@ -83,10 +80,7 @@ BEGIN = "def begin(self, q): return (q[0],)\n"
 
 
 @pytest.mark.parametrize(("make", "words"), [
-    (
-        lambda: a_value("def value(self, q): return q[0]"),
-        r"Own.value: returns .*a tuple of 1 number",
-    ),
+    (lambda: a_value("def value(self, q): return q[0]"), "Own.value: returns .*tuple of 1 number"),
     (lambda: a_value("def value(self, q): return q[0], q[1]"), "Own.value: .*a tuple of 1 number"),
     (lambda: a_value("def value(self, p): return (p,)"), "unknown argument 'p'; it may name body"),
     (lambda: a_value("def value(self, q): return np.ones(1)"), "returns ndarray.*no arrays"),
@@ -128,10 +122,7 @@ def test_names_that_are_taken_are_refused():
     facts = {"units": "1", "long_name": "own", "dims": ()}
     with pytest.raises(rm.SceneError, match="Flips: 'flips' is an observable of the package"):
         TOP.with_run(save=(observable(**facts)(Flips)(),))
-    taken = an_event(
-        LEVEL + "def results(self, record): return {'status': record.count}",
-        outputs={"status": ("1", "own", ())},
-    )
+    taken = an_event(LEVEL + COUNT.replace("own", "status"), outputs={"status": ("1", "own", ())})
     with pytest.raises(rm.SceneError, match="gives the variable 'status', which the result"):
         rm.prepare(TOP.with_run(save=(taken(),)))
     one, other = (a_value("def value(self, q): return (1.0,)") for _ in range(2))
