@@ -9,18 +9,8 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
+import rigidmc as rm
 from bench.problems.published import PROBLEMS
-from rigidmc import (
-    SceneError,
-    SceneWarning,
-    analyse_lagrange_top,
-    effective_potential,
-    least_spin,
-    omega_from_euler_rates,
-    solve_lagrange_top,
-    steady_precession,
-    tilt_growth,
-)
 from rigidmc.mechanics import integrable_tops
 from rigidmc.mechanics.rotation import attitude_error, euler, from_euler, matrix, product
 from tests.mechanics import oracles
@@ -72,7 +62,7 @@ def classical(weight, l, q, t):
 
 @pytest.mark.parametrize(("weight", "l", "q", "t", "truth", "bounds"), [*cases()])
 def test_starts_anywhere_weights_below_and_far_times(weight, l, q, t, truth, bounds):
-    found = off(solve_lagrange_top(I, weight, l, q, t), truth(weight, l, q, t), least=1.0)
+    found = off(rm.solve_lagrange_top(I, weight, l, q, t), truth(weight, l, q, t), least=1.0)
     assert (found < np.array(bounds)).all()
 
 
@@ -80,7 +70,9 @@ def test_starts_anywhere_weights_below_and_far_times(weight, l, q, t, truth, bou
 def test_published_tops(name, axis):
     p = PROBLEMS[name]
     weight = p.gravity * p.static_moment[axis - 1]
-    end = solve_lagrange_top(p.moments, weight, p.momentum, p.attitude, p.time, axis=axis).attitude
+    end = rm.solve_lagrange_top(
+        p.moments, weight, p.momentum, p.attitude, p.time, axis=axis
+    ).attitude
     if p.end_attitude:
         assert attitude_error(end, p.end_attitude) < 5e-14  # 1.7e-14
     else:
@@ -92,24 +84,26 @@ def test_homoclinic_motion_in_closed_form():
     rate = np.sqrt(k / a)
     dphi, dpsi = 2 * rate / np.sqrt(3), (3 * a - c) * rate / (c * np.sqrt(3))
     q = from_euler((0.0, np.pi / 3, 0.0))
-    l = np.array([a, a, c]) * omega_from_euler_rates((0.0, np.pi / 3, 0.0), (dphi, 0.0, dpsi))
+    l = np.array([a, a, c]) * rm.omega_from_euler_rates((0.0, np.pi / 3, 0.0), (dphi, 0.0, dpsi))
     t = np.linspace(0.0, 8.0, 30)
-    theta = euler(solve_lagrange_top((a, a, c), k, l, q, t).attitude)[:, 1]
+    theta = euler(rm.solve_lagrange_top((a, a, c), k, l, q, t).attitude)[:, 1]
     assert np.abs(1.0 / np.cos(theta) - 1.0 - 1.0 / np.cosh(rate * t)).max() < 1e-12  # 1.3e-15
-    assert analyse_lagrange_top((a, a, c), k, l, q).kind == "homoclinic"
+    assert rm.analyse_lagrange_top((a, a, c), k, l, q).kind == "homoclinic"
 
 
 def test_sleeping_top_stays_and_its_stability():
     for spin in (0.6, 6.0):
-        end = solve_lagrange_top(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0), np.array([-1e3, 1e3]))
+        end = rm.solve_lagrange_top(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0), np.array([-1e3, 1e3]))
         assert (matrix(end.attitude)[:, 2, 2] == 1.0).all() and not end.momentum[:, :2].any()
         half = 0.5 * spin / 0.7 * 1e3  # measured 1.8e-12
         assert attitude_error(end.attitude[1], (np.cos(half), 0, 0, np.sin(half))) < 1e-11
         kind = "sleeping" if spin == 6.0 else "unstable"  # from 2 sqrt(I1 k) = 3.3 on
-        assert analyse_lagrange_top(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0)).kind == kind
-    tilted = solve_lagrange_top(I, K, (1e-10, 0, 0.6), (1, 0, 0, 0), np.array([8.0, 9.0])).attitude
+        assert rm.analyse_lagrange_top(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0)).kind == kind
+    tilted = rm.solve_lagrange_top(
+        I, K, (1e-10, 0, 0.6), (1, 0, 0, 0), np.array([8.0, 9.0])
+    ).attitude
     growth = np.diff(np.log(np.hypot(*tilted.T[1:3])))
-    assert growth == pytest.approx(tilt_growth(I, K, 0.6 / 0.7), rel=1e-6)
+    assert growth == pytest.approx(rm.tilt_growth(I, K, 0.6 / 0.7), rel=1e-6)
 
 
 def test_arguments_with_units():
@@ -117,12 +111,12 @@ def test_arguments_with_units():
     units = ("3.4 kg cm2", "3.4e-4 kg m2", "800 g cm2"), "70 mN m"
     spin = 1900 * np.pi / 30
     for function, numbers, texts in (
-        (steady_precession, (spin, angle), ("1900 rpm", "23 deg")),
-        (least_spin, ([0.0, angle],), (["0 rad", "23 deg"],)),
-        (tilt_growth, (100.0,), ("100 rad/s",)),
-        (effective_potential, (0.01, 0.016, angle), ("10 g m2/s", "16 mN m s", "23 deg")),
+        (rm.steady_precession, (spin, angle), ("1900 rpm", "23 deg")),
+        (rm.least_spin, ([0.0, angle],), (["0 rad", "23 deg"],)),
+        (rm.tilt_growth, (100.0,), ("100 rad/s",)),
+        (rm.effective_potential, (0.01, 0.016, angle), ("10 g m2/s", "16 mN m s", "23 deg")),
         (
-            lambda *values: solve_lagrange_top(*values).momentum,
+            lambda *values: rm.solve_lagrange_top(*values).momentum,
             ((0.0, 0.0, 0.016), (0.0, angle, 0.0), 90.0),
             ((0.0, 0.0, "16 g m2/s"), (0.0, "23 deg", 0.0), "1.5 min"),
         ),
@@ -130,10 +124,10 @@ def test_arguments_with_units():
         # measured 2e-16; the momentum after 90 s at 200 rad/s 4e-13 of the largest
         limit = 1e-11 * np.max(np.abs(function(*top, *numbers)))
         assert function(*units, *texts) == pytest.approx(function(*top, *numbers), abs=limit)
-    with pytest.raises(SceneError, match=r"theta = '23 m': is in rad, or deg.*; m is a length"):
-        least_spin(*top, "23 m")
-    with pytest.raises(SceneError, match=r"attitude = .23.: expected a number, or .* .1 rad."):
-        analyse_lagrange_top(*top, (0.0, 0.0, 1.0), (0.0, "23", 0.0))
+    with pytest.raises(rm.SceneError, match=r"theta = '23 m': is in rad, or deg.*; m is a length"):
+        rm.least_spin(*top, "23 m")
+    with pytest.raises(rm.SceneError, match=r"attitude = .23.: expected a number, or .* .1 rad."):
+        rm.analyse_lagrange_top(*top, (0.0, 0.0, 1.0), (0.0, "23", 0.0))
 
 
 UP = (1.0, 0.0, 0.0, 0.0)
@@ -155,10 +149,10 @@ def test_upright_tops_sleep_where_a_small_tilt_stays_small():
         q = product(q, {1: (0.5, -0.5, -0.5, -0.5), 2: (0.5, 0.5, 0.5, 0.5), 3: UP}[axis])
         moments = np.roll((a, a, c), axis)
         l = np.roll((0.0, 0.0, 2.0 * ratio * np.sqrt(a * k)), axis)
-        kind = analyse_lagrange_top(moments, weight, l, q, int(axis)).kind
+        kind = rm.analyse_lagrange_top(moments, weight, l, q, int(axis)).kind
         t = np.linspace(0.0, 30.0, 400) * np.sqrt(a / k)
         tilted = product(q, (1.0, *np.roll((0.5e-7, 0.0, 0.0), axis)))
-        motion = solve_lagrange_top(moments, weight, l, tilted, t, int(axis))
+        motion = rm.solve_lagrange_top(moments, weight, l, tilted, t, int(axis))
         tilt = np.linalg.norm(np.cross(matrix(motion.attitude)[:, :, axis - 1], (0, 0, 1)), axis=-1)
         grows = tilt.max() / 1e-7
         seen.append((kind, grows))
@@ -168,25 +162,25 @@ def test_upright_tops_sleep_where_a_small_tilt_stays_small():
         assert (grows < 6.0) if hangs or abs(ratio) > 1.0 else (grows > 2e3), (ratio, grows)
     assert {kind.item() for kind, _ in seen} == {"hanging", "sleeping", "unstable", "at rest"}
     threshold = (0.0, 0.0, 2.0 * np.sqrt(I[0] * K))
-    assert analyse_lagrange_top(I, K, threshold, (1.0, 0, 0, 0)).kind == "sleeping"
-    assert analyse_lagrange_top(I, 0.0, (0.0, 0.0, 1.0), (0, 1.0, 0, 0)).kind == "sleeping"
+    assert rm.analyse_lagrange_top(I, K, threshold, (1.0, 0, 0, 0)).kind == "sleeping"
+    assert rm.analyse_lagrange_top(I, 0.0, (0.0, 0.0, 1.0), (0, 1.0, 0, 0)).kind == "sleeping"
 
 
 def test_a_horizontal_axis_has_one_steady_precession():
     for theta in (0.5 * np.pi, np.arccos(2e-16), np.arccos(-2e-16)):
-        slow, fast = steady_precession(I, K, 4.0, theta)
+        slow, fast = rm.steady_precession(I, K, 4.0, theta)
         assert slow == pytest.approx(K / (I[2] * 4.0), rel=1e-15) and np.isinf(fast)  # k/(I3 w3)
-        with pytest.warns(SceneWarning, match="needs a spin above 0 rad/s, but omega3 is 0"):
-            assert np.isnan(steady_precession(I, K, 0.0, theta)).all()
-    slow, fast = steady_precession(I, K, 4.0, np.arccos(1e-12))
+        with pytest.warns(rm.SceneWarning, match="needs a spin above 0 rad/s, but omega3 is 0"):
+            assert np.isnan(rm.steady_precession(I, K, 0.0, theta)).all()
+    slow, fast = rm.steady_precession(I, K, 4.0, np.arccos(1e-12))
     assert isinstance(slow, np.float64) and isinstance(fast, np.float64)  # slow was an array ()
     assert fast == pytest.approx(4.0 * I[2] / (I[0] * 1e-12), rel=1e-3)  # measured 9e-5
 
 
 def test_kinds_of_motion_and_their_angles():
     slow, fast = (
-        I * omega_from_euler_rates((0, 0.9, 0), (rate, 0.0, 4.0 - rate * np.cos(0.9)))
-        for rate in steady_precession(I, K, 4.0, 0.9)
+        I * rm.omega_from_euler_rates((0, 0.9, 0), (rate, 0.0, 4.0 - rate * np.cos(0.9)))
+        for rate in rm.steady_precession(I, K, 4.0, 0.9)
     )
     for kind, (theta, l) in {
         "at rest": (np.pi, (0, 0, 0)),
@@ -197,10 +191,10 @@ def test_kinds_of_motion_and_their_angles():
         "monotone precession": (0.9, (0, 0.5, 3.0)),
     }.items():
         q = (0.0, 1.0, 0.0, 0.0) if kind == "at rest" else leaning(theta)
-        what = analyse_lagrange_top(I, K, l, q)
+        what = rm.analyse_lagrange_top(I, K, l, q)
         assert what.kind == kind
         if np.isfinite(what.period):
-            path = solve_lagrange_top(I, K, l, q, np.linspace(0.0, 1.0, 2001) * what.period)
+            path = rm.solve_lagrange_top(I, K, l, q, np.linspace(0.0, 1.0, 2001) * what.period)
             tilt = euler(path.attitude)[:, 1]
             # a pendulum swings through theta = pi, a corner of theta
             rough = 1e-3 if kind == "pendulum" else 1e-5
@@ -212,40 +206,40 @@ def test_kinds_of_motion_and_their_angles():
             beyond = np.remainder(moved - (what.precession, what.spin) + 1.0, 2 * np.pi)
             assert beyond == pytest.approx(1.0, abs=1e-12)
             for turning in (what.low, what.high):
-                u = effective_potential(I, K, what.p_phi, what.p_psi, turning)
+                u = rm.effective_potential(I, K, what.p_phi, what.p_psi, turning)
                 assert u == pytest.approx(float(what.energy), rel=1e-12)
     for l in (slow, fast):  # both rates keep theta constant
-        path = solve_lagrange_top(I, K, l, leaning(0.9), np.linspace(0.0, 20.0, 50)).attitude
+        path = rm.solve_lagrange_top(I, K, l, leaning(0.9), np.linspace(0.0, 20.0, 50)).attitude
         assert np.abs(euler(path)[:, 1] - 0.9).max() < 1e-13  # 3.3e-16
 
 
 def test_an_axis_that_passes_through_the_vertical_traces_no_cusp():
     """Both phi' sin^2 theta and sin^2 theta are 0 there; phi' is not, and the axis moves on."""
     for weight, theta, spin in itertools.product((K, -K), (0.0, np.pi), (3.0, -3.0)):
-        top = analyse_lagrange_top(I, weight, (0.3, 0.0, spin), (0.0, theta, 0.0))
+        top = rm.analyse_lagrange_top(I, weight, (0.3, 0.0, spin), (0.0, theta, 0.0))
         assert top.kind == "monotone precession"
         assert theta in (top.high, top.low)
     # pushed towards the vertical: loops before, waves beyond
     push = 3.0 * np.tan(0.45) * np.array([1.0 - 1e-9, 1.0, 1.0 + 1e-9])
-    kinds = [analyse_lagrange_top(I, K, (0, x, 3.0), leaning(0.9)).kind for x in push]
+    kinds = [rm.analyse_lagrange_top(I, K, (0, x, 3.0), leaning(0.9)).kind for x in push]
     assert kinds == ["loops", "monotone precession", "monotone precession"]
 
 
 def test_unequal_moments_are_refused_and_flagged():
     for refused in (
-        lambda: solve_lagrange_top((1.0, 2.0, 3.0), K, (0, 0, 1), leaning(0.3), 1.0),
-        lambda: least_spin((1.0, 2.0, 3.0), 1.0),
+        lambda: rm.solve_lagrange_top((1.0, 2.0, 3.0), K, (0, 0, 1), leaning(0.3), 1.0),
+        lambda: rm.least_spin((1.0, 2.0, 3.0), 1.0),
     ):
-        with pytest.raises(SceneError, match=r"I1 and I2 must be equal, but are 1 and 2"):
+        with pytest.raises(rm.SceneError, match=r"I1 and I2 must be equal, but are 1 and 2"):
             refused()
     moments, l = np.tile(I, (5, 1)), (0.1, 0.2, 1.0)
-    good = solve_lagrange_top(moments, K, l, leaning(0.3), 1.0).attitude
+    good = rm.solve_lagrange_top(moments, K, l, leaning(0.3), 1.0).attitude
     moments[2, 1] = 1.1
-    with pytest.warns(SceneWarning, match="1 of 5"):
-        found = solve_lagrange_top(moments, K, l, leaning(0.3), 1.0).attitude
+    with pytest.warns(rm.SceneWarning, match="1 of 5"):
+        found = rm.solve_lagrange_top(moments, K, l, leaning(0.3), 1.0).attitude
     assert np.isnan(found[2]).all() and (found[[0, 1, 3, 4]] == good[[0, 1, 3, 4]]).all()
-    with pytest.warns(SceneWarning, match="1 of 2 elements are nan"):
-        assert np.isnan(tilt_growth([(1.0, 2.0, 3.0), I], K, 0.1)).tolist() == [True, False]
+    with pytest.warns(rm.SceneWarning, match="1 of 2 elements are nan"):
+        assert np.isnan(rm.tilt_growth([(1.0, 2.0, 3.0), I], K, 0.1)).tolist() == [True, False]
 
 
 def test_constants_of_kovalevskaya_and_of_goryachev_and_chaplygin():
@@ -261,9 +255,9 @@ def test_constants_of_kovalevskaya_and_of_goryachev_and_chaplygin():
         for centre, kept in ((c, 4e-15), (np.multiply(c, -1.0), 1e-3)):
             value = pytest.approx(function(moments, centre, start, up), rel=kept)
             assert (function(moments, centre, end, matrix(p)[2]) == value) == (centre is c)
-        with pytest.raises(SceneError, match=r"I1 = I2"):
+        with pytest.raises(rm.SceneError, match=r"I1 = I2"):
             function((1.0, 2.0, 2.5), c, start, up)
-    with pytest.raises(SceneError, match="needs L_z"):
+    with pytest.raises(rm.SceneError, match="needs L_z"):
         integrable_tops.goryachev_chaplygin((4.0, 4.0, 1.0), c, l, up)
 
 
@@ -281,24 +275,24 @@ def test_griolis_precession():
 
 def test_the_least_spin_bounds_steady_precession_and_sleep():
     for theta in (0.0, 0.4, 1.5):
-        least = least_spin(I, K, theta)
+        least = rm.least_spin(I, K, theta)
         for spin, exists in ((0.999999 * least, False), (1.000001 * least, True)):
             words = rf"2 of 2 elements are nan in the result: .* a spin above {least:.6g} rad/s"
-            warned = nullcontext() if exists else pytest.warns(SceneWarning, match=words)
+            warned = nullcontext() if exists else pytest.warns(rm.SceneWarning, match=words)
             with warned:  # before, nan came back without a word
-                slow, fast = steady_precession(I, K, (spin, -spin), theta)
+                slow, fast = rm.steady_precession(I, K, (spin, -spin), theta)
             assert np.isfinite(slow).all() == np.isfinite(fast).all() == exists
     # a level or hanging axis, and a centre of mass below, precess at any spin
     for weight, theta in ((K, np.pi / 2), (K, 2.5), (-K, 0.3)):
-        assert least_spin(I, weight, theta) == 0.0
-        assert np.isfinite(steady_precession(I, weight, 1e-3, theta).slow)
-    critical = least_spin(I, K)
+        assert rm.least_spin(I, weight, theta) == 0.0
+        assert np.isfinite(rm.steady_precession(I, weight, 1e-3, theta).slow)
+    critical = rm.least_spin(I, K)
     for spin, kind in ((0.999999 * critical, "unstable"), (1.000001 * critical, "sleeping")):
-        assert (tilt_growth(I, K, spin) == 0.0) == (kind == "sleeping")
-        assert analyse_lagrange_top(I, K, (0.0, 0.0, I[2] * spin), (0.0, 0.0, 0.0)).kind == kind
+        assert (rm.tilt_growth(I, K, spin) == 0.0) == (kind == "sleeping")
+        assert rm.analyse_lagrange_top(I, K, (0.0, 0.0, I[2] * spin), (0.0, 0.0, 0.0)).kind == kind
 
 
 def test_three_numbers_are_euler_angles():
     l, angles = (0.1, 0.2, 3.0), (0.3, 0.9, -0.2)
-    one, other = (solve_lagrange_top(I, K, l, q, 2.0) for q in (angles, from_euler(angles)))
+    one, other = (rm.solve_lagrange_top(I, K, l, q, 2.0) for q in (angles, from_euler(angles)))
     assert np.array_equal(one.attitude, other.attitude)

@@ -15,24 +15,6 @@ from hypothesis import strategies as st
 
 from rigidmc.engine.formulas import evaluate
 from rigidmc.physics.dynamics import so3
-from rigidmc.physics.dynamics.so3 import (
-    add_compensated,
-    add_compensated4,
-    advance_attitude,
-    apply_rotation,
-    cross,
-    dot,
-    expm1,
-    exponential,
-    into_body,
-    multiply,
-    normalised,
-    scale4,
-    select_all,
-    sincos,
-    two_sum,
-    vertical,
-)
 from tests.tools.reference import apart, hat, rodrigues, rotation, unit
 
 
@@ -65,7 +47,7 @@ def both(function, part):
     return pytest.mark.parametrize("function", each, ids=["python", "compiled"])
 
 
-BOTH_SINCOS, BOTH_EXPM1 = both(sincos, slice(4, 6)), both(expm1, 6)
+BOTH_SINCOS, BOTH_EXPM1 = both(so3.sincos, slice(4, 6)), both(so3.expm1, 6)
 number = st.floats(-1.0, 1.0)
 vector = st.tuples(number, number, number)
 quaternion = (
@@ -119,9 +101,9 @@ def test_sincos_of_huge_angles_errs_like_the_rounded_angle(function):
 
 
 def test_sincos_is_odd_and_even_and_exact_at_zero():
-    assert sincos(0.0) == (0.0, 1.0)
+    assert so3.sincos(0.0) == (0.0, 1.0)
     for x in (1e-300, 1e-9, 0.3, 2.0, 5.5, 1e5):
-        assert sincos(-x) == (-sincos(x)[0], sincos(x)[1])
+        assert so3.sincos(-x) == (-so3.sincos(x)[0], so3.sincos(x)[1])
 
 
 def expm1_error(function, xs):
@@ -143,7 +125,7 @@ def test_expm1_is_right_relative_to_its_size(function):
     assert expm1_error(lambda x: math.exp(x) - 1.0, -small[small > 1e-9]) > 1e-9  # what it is for
 
 
-@both(exponential, slice(4))
+@both(so3.exponential, slice(4))
 def test_exponential_turns_by_its_length_about_itself(function):
     some = np.random.default_rng(6)
     worst = 0
@@ -165,54 +147,54 @@ def test_exponential_turns_by_its_length_about_itself(function):
 
 @given(vector)
 def test_exponential_is_the_matrix_exponential(u):
-    assert apart(rotation(exponential(u)), rodrigues(np.array(u))) < 2e-15  # measured 4e-16
+    assert apart(rotation(so3.exponential(u)), rodrigues(np.array(u))) < 2e-15  # measured 4e-16
 
 
 @given(vector, number, number)
 def test_turns_about_one_axis_add_up(u, a, b):
-    along = multiply(exponential([a * x for x in u]), exponential([b * x for x in u]))
-    assert np.allclose(along, exponential([(a + b) * x for x in u]), rtol=0, atol=1e-15)
+    along = so3.multiply(so3.exponential([a * x for x in u]), so3.exponential([b * x for x in u]))
+    assert np.allclose(along, so3.exponential([(a + b) * x for x in u]), rtol=0, atol=1e-15)
 
 
 @given(quaternion, quaternion, quaternion)
 def test_quaternion_algebra(p, q, r):
     for one, other in (  # measured 7e-16
-        (multiply(multiply(p, q), r), multiply(p, multiply(q, r))),
-        (multiply(q, (q[0], -q[1], -q[2], -q[3])), (1, 0, 0, 0)),
-        (rotation(multiply(p, q)), rotation(p) @ rotation(q)),  # q turns first, then p
+        (so3.multiply(so3.multiply(p, q), r), so3.multiply(p, so3.multiply(q, r))),
+        (so3.multiply(q, (q[0], -q[1], -q[2], -q[3])), (1, 0, 0, 0)),
+        (rotation(so3.multiply(p, q)), rotation(p) @ rotation(q)),  # q turns first, then p
     ):
         assert apart(one, other) <= 2e-15
-    assert math.isclose(sum(x * x for x in multiply(p, q)), 1.0, rel_tol=1e-15)
+    assert math.isclose(sum(x * x for x in so3.multiply(p, q)), 1.0, rel_tol=1e-15)
 
 
 def test_the_product_does_not_commute():
     i, j, k = (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)
-    assert multiply(i, j) == k
-    assert multiply(j, i) == (0, 0, 0, -1)
-    assert multiply(i, i) == multiply(j, j) == multiply(k, k) == (-1, 0, 0, 0)
+    assert so3.multiply(i, j) == k
+    assert so3.multiply(j, i) == (0, 0, 0, -1)
+    assert so3.multiply(i, i) == so3.multiply(j, j) == so3.multiply(k, k) == (-1, 0, 0, 0)
 
 
 @given(quaternion)
 def test_up_is_the_last_row_of_the_attitude(q):
-    assert apart(vertical(q), rotation(q)[2]) <= 1e-15
-    assert vertical(q) == vertical([-x for x in q])  # q and -q are one attitude
+    assert apart(so3.vertical(q), rotation(q)[2]) <= 1e-15
+    assert so3.vertical(q) == so3.vertical([-x for x in q])  # q and -q are one attitude
 
 
 def test_up_and_not_its_mirror():
     quarter = math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0  # about x: the body's y axis points up
-    assert np.allclose(vertical(quarter), (0, 1, 0), atol=1e-15)
+    assert np.allclose(so3.vertical(quarter), (0, 1, 0), atol=1e-15)
 
 
 @given(quaternion, quaternion, vector)
 def test_turned_adds_the_product_with_the_half_turn(q, p, w):
-    half = np.add(q, multiply(p, (0.0, *w)))
-    assert apart(advance_attitude(q, p, w), half) <= 2e-15  # measured 4e-16
+    half = np.add(q, so3.multiply(p, (0.0, *w)))
+    assert apart(so3.advance_attitude(q, p, w), half) <= 2e-15  # measured 4e-16
 
 
 @given(vector, vector)
 def test_vectors(a, b):
-    assert np.allclose(cross(a, b), hat(a) @ b, rtol=0, atol=4e-16)  # measured 1.1e-16
-    assert math.isclose(dot(a, b), float(np.dot(a, b)), rel_tol=0, abs_tol=1e-15)
+    assert np.allclose(so3.cross(a, b), hat(a) @ b, rtol=0, atol=4e-16)  # measured 1.1e-16
+    assert math.isclose(so3.dot(a, b), float(np.dot(a, b)), rel_tol=0, abs_tol=1e-15)
     assert so3.add(a, b) == so3.axpy(a, 1.0, b) == tuple(np.add(a, b))
     assert so3.scale(2.0, a) == so3.add(a, a)
     assert so3.difference(a, b) == tuple(np.subtract(a, b))
@@ -227,11 +209,11 @@ def test_sums_with_remainders_lose_nothing():
     """
     some = np.random.default_rng(7)
     for a, b in some.normal(size=(200, 2)) * 10.0 ** some.integers(-12, 12, (200, 2)):
-        s, e = two_sum(a, b)
+        s, e = so3.two_sum(a, b)
         assert s == a + b
         assert Fraction(s) + Fraction(e) == Fraction(a) + Fraction(b)
-    l, q = tuple(some.normal(size=3)), normalised(tuple(some.normal(size=4)))
-    turn = normalised((1.0, 1e-3, -2e-3, 5e-4))
+    l, q = tuple(some.normal(size=3)), so3.normalised(tuple(some.normal(size=4)))
+    turn = so3.normalised((1.0, 1e-3, -2e-3, 5e-4))
     pair, quat, exact, true = (l, (0.0,) * 3), (q, (0.0,) * 4), [Fraction(x) for x in l], q
     plain, step = q, tuple(1e-9 * some.normal(size=3))
     with mp.workdps(40):
@@ -239,8 +221,8 @@ def test_sums_with_remainders_lose_nothing():
         size = mp.sqrt(sum(x * x for x in by))
         by = tuple(x / size for x in by)
         for _ in range(300):
-            pair, true = add_compensated(pair, step), multiply(true, by)
-            plain, quat = (apply_rotation(x, turn) for x in (plain, quat))
+            pair, true = so3.add_compensated(pair, step), so3.multiply(true, by)
+            plain, quat = (so3.apply_rotation(x, turn) for x in (plain, quat))
         size = mp.sqrt(sum(x * x for x in true))
         true = [x / size for x in true]
         found = [mp.mpf(float(a)) + mp.mpf(float(b)) for a, b in zip(*quat, strict=True)]
@@ -254,9 +236,9 @@ def test_sums_with_remainders_lose_nothing():
 def test_a_pair_turns_as_the_sum_of_its_parts(turn):
     """By a large turn, also one by more than half a circle, and with a remainder that counts: the
     sign of an attitude is free."""
-    q, rest = normalised((0.5, -0.3, 0.7, 0.2)), (2e-9, 1e-9, -3e-9, 5e-9)
-    value, left = apply_rotation((q, rest), turn)
-    true = multiply([a + b for a, b in zip(q, rest, strict=True)], turn)
+    q, rest = so3.normalised((0.5, -0.3, 0.7, 0.2)), (2e-9, 1e-9, -3e-9, 5e-9)
+    value, left = so3.apply_rotation((q, rest), turn)
+    true = so3.multiply([a + b for a, b in zip(q, rest, strict=True)], turn)
     size = np.sqrt(np.square(true).sum())
     off = np.add(value, left) - np.copysign(1.0, turn[0]) * np.array(true) / size
     # measured 1.1e-16; with the remainder on the wrong side 9e-9
@@ -265,36 +247,36 @@ def test_a_pair_turns_as_the_sum_of_its_parts(turn):
 
 def test_a_pair_comes_back_to_the_sphere():
     """gain4 brings |q| = 1.00001 back: what is left is 5/2 of the cube of 2e-5."""
-    q = normalised((0.5, -0.3, 0.7, 0.2))
-    value, rest = add_compensated4((q, (0.0,) * 4), scale4(1e-5, q))
+    q = so3.normalised((0.5, -0.3, 0.7, 0.2))
+    value, rest = so3.add_compensated4((q, (0.0,) * 4), so3.scale4(1e-5, q))
     assert abs(np.dot(value, value) + 2.0 * np.dot(value, rest) - 1.0) < 1e-13  # measured 4e-14
     assert apart(value, q) < 1e-13
 
 
 def test_selects_take_each_component_from_its_own_place():
     a, b = (1.0, 2.0, 3.0, 4.0), (5.0, 6.0, 7.0, 8.0)
-    assert select_all(True, a, b) == a
-    assert select_all(False, a, b) == b
+    assert so3.select_all(True, a, b) == a
+    assert so3.select_all(False, a, b) == b
 
 
 def test_components_in_the_body():
-    q, v = normalised((0.5, -0.3, 0.7, 0.2)), (0.3, -1.2, 2.0)
-    assert apart(np.array(rotation(q)).T @ v, into_body(q, v)) < 1e-15
-    assert apart(into_body(q, (0.0, 0.0, 1.0)), vertical(q)) < 1e-15
+    q, v = so3.normalised((0.5, -0.3, 0.7, 0.2)), (0.3, -1.2, 2.0)
+    assert apart(np.array(rotation(q)).T @ v, so3.into_body(q, v)) < 1e-15
+    assert apart(so3.into_body(q, (0.0, 0.0, 1.0)), so3.vertical(q)) < 1e-15
 
 
 def test_remainders_of_an_attitude_are_carried_component_by_component():
     """The part of a (value, remainder) pair across q stays, to 1e-29; only the part along q is
     normalised.
     """
-    q = normalised((0.5, -0.3, 0.7, 0.2))
+    q = so3.normalised((0.5, -0.3, 0.7, 0.2))
     for rest in (
         (0.3e-18, 0.5e-18, 0.0, 0.0),
         (-0.7e-18, 0.0, 0.5e-18, 0.0),
         (0.0, 0.0, -0.2e-18, 0.7e-18),
         (-0.2e-18, 0.0, 0.0, 0.5e-18),
     ):
-        value, left = add_compensated4((q, rest), (0.0, 1e-19, 0.0, 0.0))
+        value, left = so3.add_compensated4((q, rest), (0.0, 1e-19, 0.0, 0.0))
         a, b, c, d = (np.array([Fraction(x) for x in part]) for part in (value, left, q, rest))
         off = a + b - c - d - [0, Fraction(1e-19), 0, 0]
         along = (off @ c) / (c @ c)

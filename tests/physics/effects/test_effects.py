@@ -30,22 +30,7 @@ from rigidmc.physics.effects import (  # fmt: skip
     label_effects,
     name_of,
 )
-from rigidmc.physics.effects.protocol import (
-    blank,
-    depends_on_momentum,
-    energy,
-    energy_scale,
-    facts,
-    from_numbers,
-    is_random,
-    kick,
-    numbers,
-    parameter_count,
-    slip,
-    torque,
-    torque_rate,
-    user_parameters,
-)
+from rigidmc.physics.effects import protocol as P
 from rigidmc.physics.effects.sums import kick_all, kick_all_back, push, total_energy, total_torque
 from tests.physics.effects.laws import ENERGY, REFERENCE, Properties, symmetric
 from tests.tools.reference import apart, rotation, unit
@@ -53,7 +38,7 @@ from tests.tools.reference import apart, rotation, unit
 MOMENTS, STATIC = (0.6, 0.8, 1.0), (0.05, -0.02, 0.3)
 BODY, KNOWN = MassProperties.of(MOMENTS, STATIC), Properties(np.diag(MOMENTS), 1.0, STATIC)
 EXAMPLES = {  # random ones: test_bath.py
-    name: kind(*kind.example) for name, kind in EFFECTS.items() if not is_random(kind)
+    name: kind(*kind.example) for name, kind in EFFECTS.items() if not P.is_random(kind)
 }
 EVERY = pytest.mark.parametrize("name", EXAMPLES)
 WITH_ENERGY = pytest.mark.parametrize(
@@ -72,7 +57,7 @@ def reference_error(effect, name):
     for i, (q, l) in enumerate(some_states()):
         a, t = np.array(rotation(q)), 0.3 * i
         w = a @ (np.array(l) / MOMENTS)
-        error = a @ torque(effect, BODY, t, q, l) - REFERENCE[name](effect, t, a, w, KNOWN)
+        error = a @ P.torque(effect, BODY, t, q, l) - REFERENCE[name](effect, t, a, w, KNOWN)
         worst = max(worst, np.abs(error).max())
     return worst
 
@@ -86,9 +71,9 @@ def gradient_error(effect, step=1e-5):
     """Largest |torque + dE/d(rotation)|, by central differences along the body axes."""
     worst = 0.0
     for (q, l), axis in itertools.product(some_states(), range(3)):
-        ahead, behind = (energy(effect, BODY, x) for x in along(q, np.eye(3)[axis], step))
+        ahead, behind = (P.energy(effect, BODY, x) for x in along(q, np.eye(3)[axis], step))
         slope = (ahead - behind) / (2.0 * step)
-        worst = max(worst, abs(torque(effect, BODY, 0.0, q, l)[axis] + slope))
+        worst = max(worst, abs(P.torque(effect, BODY, 0.0, q, l)[axis] + slope))
     return worst
 
 
@@ -99,7 +84,7 @@ def kick_error(effect, h=0.7, steps=600, parts=1):
         l, d = np.array(start), h / steps
 
         def rate(l, q=q):
-            return np.array(torque(effect, BODY, 0.0, q, tuple(l)))
+            return np.array(P.torque(effect, BODY, 0.0, q, tuple(l)))
 
         for _ in range(steps):
             k1 = rate(l)
@@ -108,14 +93,14 @@ def kick_error(effect, h=0.7, steps=600, parts=1):
             l = l + d / 6 * (k1 + 2 * k2 + 2 * k3 + rate(l + d * k3))
         made = start
         for _ in range(parts):
-            made = kick(effect, BODY, 0.0, h / parts, q, made)
+            made = P.kick(effect, BODY, 0.0, h / parts, q, made)
         worst = max(worst, np.abs(l - made).max())
     return worst
 
 
 def test_every_effect_has_an_example_of_all_its_parameters():
     for kind in EFFECTS.values():
-        assert len(kind.example) == len(user_parameters(kind))
+        assert len(kind.example) == len(P.user_parameters(kind))
     assert REFERENCE.keys() <= EXAMPLES.keys()
 
 
@@ -125,7 +110,7 @@ def test_torque_and_energy_are_those_of_the_law_in_space(name):
     assert reference_error(effect, name) < 5e-14  # measured 1.2e-14
     for q, _ in some_states() if name in ENERGY else ():
         known = ENERGY[name](effect, rotation(q), KNOWN)
-        assert energy(effect, BODY, q) == pytest.approx(known, abs=1e-14)
+        assert P.energy(effect, BODY, q) == pytest.approx(known, abs=1e-14)
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -137,11 +122,11 @@ def test_all_methods_compile_for_members_side_by_side(name):
 
 @EVERY
 def test_each_number_of_an_effect_changes_its_torque(name):
-    effect, values = EXAMPLES[name], [value for _, _, value in numbers(EXAMPLES[name])]
+    effect, values = EXAMPLES[name], [value for _, _, value in P.numbers(EXAMPLES[name])]
     for i, value in enumerate(values):
-        other = from_numbers(EFFECTS[name], [*values[:i], value * 1.01 or 0.01, *values[i + 1 :]])
+        other = P.from_numbers(EFFECTS[name], [*values[:i], value * 1.01 or 0.01, *values[i + 1 :]])
         one, two = (
-            [torque(e, BODY, 0.3 * k, q, l) for k, (q, l) in enumerate(some_states())]
+            [P.torque(e, BODY, 0.3 * k, q, l) for k, (q, l) in enumerate(some_states())]
             for e in (effect, other)
         )
         assert apart(one, two) > 1e-5
@@ -154,9 +139,9 @@ def test_torque_is_minus_the_gradient_of_energy(effect):
 
 @EVERY
 def test_damping_takes_energy(name):
-    if facts(EXAMPLES[name]).is_damping:
+    if P.facts(EXAMPLES[name]).is_damping:
         for q, l in some_states():
-            push = torque(EXAMPLES[name], BODY, 0.0, q, l)
+            push = P.torque(EXAMPLES[name], BODY, 0.0, q, l)
             assert dot(push, angular_velocity(BODY, l)) < 0.0
 
 
@@ -166,9 +151,9 @@ def test_torque_rate_is_the_rate_of_the_torque_as_the_body_turns(name):
         return
     effect, h = EXAMPLES[name], 1e-5
     for q, w in some_states():
-        ahead, behind = (torque(effect, BODY, 0.4, x, w) for x in along(q, w, h))
+        ahead, behind = (P.torque(effect, BODY, 0.4, x, w) for x in along(q, w, h))
         slope = np.subtract(ahead, behind) / (2.0 * h)
-        assert apart(slope, torque_rate(effect, BODY, 0.4, q, w)) < 4e-8  # measured 4.2e-9
+        assert apart(slope, P.torque_rate(effect, BODY, 0.4, q, w)) < 4e-8  # measured 4.2e-9
 
 
 def alone(effect):
@@ -182,16 +167,16 @@ def assert_exact(effect):
     """A kick is the flow of the torque, and kicks add up and go back."""
     assert kick_error(effect) < 4e-13  # measured 9e-14
     for q, l in some_states(10):
-        first = kick(effect, BODY, 0.0, 0.4, q, l)
-        twice, back = (kick(effect, BODY, 0.0, h, q, first) for h in (0.3, -0.4))
-        assert apart(twice, kick(effect, BODY, 0.0, 0.7, q, l)) <= 4e-15
+        first = P.kick(effect, BODY, 0.0, 0.4, q, l)
+        twice, back = (P.kick(effect, BODY, 0.0, h, q, first) for h in (0.3, -0.4))
+        assert apart(twice, P.kick(effect, BODY, 0.0, 0.7, q, l)) <= 4e-15
         assert apart(back, l) <= 4e-15
 
 
 @EVERY
 def test_kick_is_the_flow_of_the_torque(name):
-    effect, order = EXAMPLES[name], facts(EFFECTS[name]).kick_order
-    if depends_on_momentum(effect) and not implements(effect, "kick"):
+    effect, order = EXAMPLES[name], P.facts(EFFECTS[name]).kick_order
+    if P.depends_on_momentum(effect) and not implements(effect, "kick"):
         return  # no splitting takes it
     if order == math.inf:
         assert_exact(effect)
@@ -209,14 +194,14 @@ def test_energy_scale_bounds_the_energy_closely(effect):
     """Also of each number alone: a bound that confuses two numbers holds for all together (a
     mutant)."""
     largest, scale = (
-        max(abs(energy(effect, BODY, q)) for q, _ in some_states(2000)),
-        energy_scale(effect, BODY) * (1.0 + 1e-15),
+        max(abs(P.energy(effect, BODY, q)) for q, _ in some_states(2000)),
+        P.energy_scale(effect, BODY) * (1.0 + 1e-15),
     )
     assert 0.4 * scale <= largest <= scale  # measured 0.55 (potential) to 1.0
     zeros = {k: (0.0,) * len(v) for k, v in effect._asdict().items() if isinstance(v, tuple)}
     for one in (effect._replace(**zeros | one_left) for one_left in alone(effect)):
-        largest = max(abs(energy(one, BODY, q)) for q, _ in some_states(200))
-        assert largest <= energy_scale(one, BODY) * (1.0 + 1e-15), one
+        largest = max(abs(P.energy(one, BODY, q)) for q, _ in some_states(200))
+        assert largest <= P.energy_scale(one, BODY) * (1.0 + 1e-15), one
 
 
 @EVERY
@@ -228,14 +213,14 @@ def test_energy_scale_of_an_effect_without_energy_bounds_its_torque(name):
     # one component of one vector is left at a time: each has to be in the scale
     for one in (effect, *(effect._replace(**one_left) for one_left in alone(effect))):
         largest = max(
-            math.hypot(*torque(one, BODY, t, q, l))
+            math.hypot(*P.torque(one, BODY, t, q, l))
             for t in (0.0, 0.01, 0.4)
             for q, l in some_states(100)
         )
-        assert largest <= energy_scale(one, BODY) * (1.0 + 1e-15), one
+        assert largest <= P.energy_scale(one, BODY) * (1.0 + 1e-15), one
         if one is effect:
             # measured 0.22 (rotating field), 0.58 (gravity gradient), 0.66 (moving pivot)
-            assert largest >= 0.15 * energy_scale(one, BODY)
+            assert largest >= 0.15 * P.energy_scale(one, BODY)
 
 
 def broken_facts(effect):
@@ -244,13 +229,13 @@ def broken_facts(effect):
     rolled = MassProperties.of(np.roll(MOMENTS, 1).tolist(), np.roll(STATIC, 1).tolist())
     worst = dict.fromkeys(("conserves_l2", "conserves_lz", "isotropic"), 0.0)
     for q, l in some_states():
-        tau = torque(effect, BODY, 0.3, q, l)
+        tau = P.torque(effect, BODY, 0.3, q, l)
         # axis 1 becomes axis 2, and so on; and the body turns about the vertical
-        other = torque(effect, rolled, 0.3, multiply(q, roll), tuple(np.roll(l, 1)))
-        turned = torque(effect, BODY, 0.3, multiply(about_z, q), l)
+        other = P.torque(effect, rolled, 0.3, multiply(q, roll), tuple(np.roll(l, 1)))
+        turned = P.torque(effect, BODY, 0.3, multiply(about_z, q), l)
         differences = [*np.subtract(other, np.roll(tau, 1)), *np.subtract(turned, tau)]
         # the vertical turns in the body with what the effect adds to the angular velocity
-        about = np.add(tau, np.cross(slip(effect, BODY, 0.3, q, l) or (0.0, 0.0, 0.0), l))
+        about = np.add(tau, np.cross(P.slip(effect, BODY, 0.3, q, l) or (0.0, 0.0, 0.0), l))
         errors = abs(dot(tau, l)), abs(dot(about, vertical(q))), max(map(abs, differences))
         worst = {fact: max(worst[fact], e) for fact, e in zip(worst, errors, strict=True)}
     return worst
@@ -259,7 +244,7 @@ def broken_facts(effect):
 @EVERY
 def test_facts_are_true(name):
     for fact, error in broken_facts(EXAMPLES[name]).items():
-        claimed = getattr(facts(EFFECTS[name]), fact)
+        claimed = getattr(P.facts(EFFECTS[name]), fact)
         assert (error < 1e-14) == claimed, fact  # measured 9e-16 at most, or 0.05 at least
 
 
@@ -268,7 +253,9 @@ def test_facts_name_the_fields(name):
     kind = EFFECTS[name]
     assert set(kind.units) == set(kind.limits) == set(kind._fields)
     # the user gives no hidden one: it has to be 0
-    assert all((low < high) != (k in facts(kind).hidden) for k, (low, high) in kind.limits.items())
+    assert all(
+        (low < high) != (k in P.facts(kind).hidden) for k, (low, high) in kind.limits.items()
+    )
     assert argument_names(kind, "torque", "energy", "kick") <= {"body", "t", "h", "q", "l"}
     for field in kind._fields:
         assert re.search(rf"^ *{field} : ", kind.__doc__, re.MULTILINE), field
@@ -279,9 +266,9 @@ def test_facts_name_the_fields(name):
 
 def test_parameters_go_to_rows_and_back():
     spring = EXAMPLES["spring"]
-    assert parameter_count(spring, Gravity(1.0)) == 9
-    assert from_numbers(Spring, [value for _, _, value in numbers(spring)]) == spring
-    assert blank((spring,)) == (Spring(0.0, (0.0,) * 3, (0.0,) * 3, 0.0),)
+    assert P.parameter_count(spring, Gravity(1.0)) == 9
+    assert P.from_numbers(Spring, [value for _, _, value in P.numbers(spring)]) == spring
+    assert P.blank((spring,)) == (Spring(0.0, (0.0,) * 3, (0.0,) * 3, 0.0),)
     labels = [label for label, _ in label_effects((spring, Gravity(1.0), spring))]
     assert labels == ["spring", "gravity", "spring_2"]
 
@@ -304,20 +291,20 @@ def test_wrong_signs_are_caught():
     assert gradient_error(Backwards(9.81)) > 1.0  # measured 6
     assert kick_error(Speeding(0.3)) > 0.1  # measured 0.7
     # heavier above: more energy
-    assert energy(Gravity(9.81), BODY, (1.0, 0.0, 0.0, 0.0)) == pytest.approx(9.81 * 0.3)
+    assert P.energy(Gravity(9.81), BODY, (1.0, 0.0, 0.0, 0.0)) == pytest.approx(9.81 * 0.3)
 
 
 def test_several_effects_act_together():
     effects = EXAMPLES["gravity"], EXAMPLES["viscous_damping"]
     q, l = some_states(1)[0]
     together = total_torque(effects, BODY, 0.0, q, l)
-    each = [torque(e, BODY, 0.0, q, l) for e in effects]
+    each = [P.torque(e, BODY, 0.0, q, l) for e in effects]
     assert apart(together, np.sum(each, axis=0)) <= 1e-15
     assert total_torque((), BODY, 0.0, q, l) == (0.0, 0.0, 0.0)
     pushed = push(effects, BODY, 0.0, 0.2, q, l, l)
     assert apart(pushed, np.add(l, np.multiply(0.2, together))) <= 1e-15
     assert push((), BODY, 0.0, 0.2, q, l, l) is l
-    assert total_energy(effects, BODY, q) == energy(effects[0], BODY, q)
+    assert total_energy(effects, BODY, q) == P.energy(effects[0], BODY, q)
     there = kick_all(effects, BODY, 0.0, 0.2, q, l)
     # one is the mirror image of the other
     assert apart(kick_all_back(effects, BODY, 0.2, -0.2, q, there), l) <= 1e-15

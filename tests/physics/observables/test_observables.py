@@ -10,17 +10,8 @@ from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects import Gravity
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.physics.observables import bare_observables, monitors, outputs, statistics
+from rigidmc.physics.observables import protocol as P
 from rigidmc.physics.observables.compiled import begin, update, value
-from rigidmc.physics.observables.protocol import (
-    EnsembleObservable,
-    Event,
-    EventRecord,
-    Growth,
-    NoiseSum,
-    Observable,
-    Running,
-    size,
-)
 from tests.tools.kernels import one_step, prepare
 from tests.tools.reference import rotation
 
@@ -53,11 +44,11 @@ NUMBERS = {  # of summaries that need some
 def test_value_and_facts(name):
     kind = BARE[name]
     found = value(kind(), BODY, (Gravity(9.81),), 0.0, Q, L, START, (1.5,))
-    assert len(found) == size(kind.dims, 1)
+    assert len(found) == P.size(kind.dims, 1)
     if name in TRUE:
         assert np.allclose(found, TRUE[name], rtol=1e-15, atol=1e-15)
     assert np.isfinite(found).all()
-    assert isinstance(kind(), Observable)
+    assert isinstance(kind(), P.Observable)
     for fact in (kind.units, kind.long_name, kind.__doc__):
         assert isinstance(fact, str) and fact
 
@@ -101,27 +92,27 @@ def over_steps():
 def test_outputs_over_all_steps(label):
     one = over_steps()[label]
     one.check()
-    every = Event, Running, Growth, NoiseSum, EnsembleObservable
+    every = P.Event, P.Running, P.Growth, P.NoiseSum, P.EnsembleObservable
     kinds = [kind for kind in every if isinstance(one, kind)]
     assert len(kinds) == 1
     facts, some = outputs(label, one), np.ones(2)
     assert all(units and text and "{" not in text for units, text, _ in facts.values())
-    if kinds == [Event]:
-        found = one.results(EventRecord(*[some] * 7))
-    elif kinds == [Running]:
+    if kinds == [P.Event]:
+        found = one.results(P.EventRecord(*[some] * 7))
+    elif kinds == [P.Running]:
         kept = begin(one, BODY, (), 0.0, Q, L)
         assert len(kept) == len(update(one, kept, BODY, (), 0.1, Q, L)) == one.state_size
         found = one.results(np.array([kept, kept]).T, some)
-    elif kinds == [Growth]:
+    elif kinds == [P.Growth]:
         found = one.results(np.ones((3, 2)), some)
-    elif kinds == [NoiseSum]:
+    elif kinds == [P.NoiseSum]:
         found = one.results(np.ones((7, 2)))
     else:
         found = {}
         assert one.counts(np.ones((5, 2))).shape == (5, one.edges().size + 1)
     assert len(found) == len(facts)
     for values, (_, _, dims) in zip(found.values(), facts.values(), strict=True):
-        assert values.shape == (*[size((dim,)) for dim in dims], 2)
+        assert values.shape == (*[P.size((dim,)) for dim in dims], 2)
     if label in monitors():
         assert list(found) == list(one.outputs)
 
