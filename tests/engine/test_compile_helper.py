@@ -5,7 +5,6 @@ If that process fails, this one compiles.
 
 import json
 import os
-import subprocess
 import sys
 import time
 
@@ -23,6 +22,7 @@ from rigidmc.engine.compile_helper import (
 )
 from rigidmc.engine.compile_time import seconds, split_work
 from rigidmc.engine.compiler.kernels import KernelKey, config, type_key
+from tests.tools.commands import python
 from tests.tools.plans import program_of
 
 EVERY = ["gather", "scatter", "initialise", "march", "assess", "record", "advance"]
@@ -66,10 +66,7 @@ print([is_compiled(one) for one in (*some, asked["march"])])
 
 @pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 def test_another_process_fills_the_cache(tmp_path):
-    environment = {**os.environ, "RIGIDMC_CACHE_DIR": str(tmp_path / "cache")}
-    found = subprocess.run(
-        [sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=True
-    ).stdout
+    found, _ = python(SCRIPT, cache=tmp_path / "cache")
     assert found.splitlines() == ["[False, False]", "[True, True, False]"]
 
 

@@ -8,6 +8,7 @@ from rigidmc.physics.effects import Gravity, ViscousDamping, canonical
 from rigidmc.physics.effects.protocol import from_numbers, numbers
 from rigidmc.physics.effects.sums import total_energy, total_torque
 from tests.physics.effects.test_effects import EXAMPLES, MOMENTS, STATIC
+from tests.tools.reference import apart
 
 some = np.random.default_rng(4)
 Q, L = some.normal(size=(4, 50)), some.normal(size=(3, 50))
@@ -23,17 +24,10 @@ def one(effects, i):
 
 def worst(effects, torque, energy):
     body, off = MassProperties.of(MOMENTS, STATIC), 0.0
-    for i in range(50):
+    for i, (q, l) in enumerate(zip(map(tuple, Q.T), map(tuple, L.T), strict=True)):
         mine = one(effects, i)
-        off = max(
-            off,
-            np.abs(
-                np.subtract(
-                    total_torque(mine, body, 0.0, tuple(Q[:, i]), tuple(L[:, i])), torque[:, i]
-                )
-            ).max(),
-        )
-        off = max(off, abs(total_energy(mine, body, tuple(Q[:, i])) - energy[i]))
+        energies = total_energy(mine, body, q), energy[i]
+        off = max(off, apart(total_torque(mine, body, 0.0, q, l), torque[:, i]), apart(*energies))
     return off
 
 
@@ -51,9 +45,6 @@ def test_all_effects_at_once_compiled():
 
 def test_plain_functions_take_arrays_if_they_can():
     effects, body = (Gravity(2.0), ViscousDamping(0.1)), MassProperties.of(MOMENTS, STATIC)
-    found = (
-        formulas.torques(effects, body, tuple(Q), tuple(L)),
-        formulas.energies(effects, body, tuple(Q)),
-    )
-    assert worst(effects, *found) == 0.0
+    found = formulas.torques(effects, body, tuple(Q), tuple(L))
+    assert worst(effects, found, formulas.energies(effects, body, tuple(Q))) == 0.0
     assert formulas.energies(effects, body, tuple(Q.reshape(4, 5, 10))).shape == (5, 10)

@@ -54,7 +54,7 @@ def test_bits_do_not_depend_on_the_partition(monkeypatch):
     assert steps == MEMBERS * TOTAL
     # calls of 7 steps of the whole, of 21 of a third of it
     monkeypatch.setattr(engine, "CALL", 7 * 96)
-    for size, threads in ((96, 1), (32, 1), (32, 2)):
+    for size, threads in ((96, 1), (32, 1), (32, 2), (32, 3)):
         block, out, steps = ran(size, threads)
         assert steps == MEMBERS * TOTAL
         assert out.tobytes() == saves.tobytes()

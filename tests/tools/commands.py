@@ -1,5 +1,7 @@
 """Commands of rigidmc as words: in this process, or for a process of their own."""
 
+import os
+import subprocess
 import sys
 
 from typer.testing import CliRunner
@@ -28,3 +30,18 @@ def invoke(text, *more, **options):
     if not isinstance(done.exception, SystemExit | None):
         raise done.exception
     return done
+
+
+def python(code, *words, cache=None, cwd=None, **environment):
+    """(stdout, stderr) of code, or of a file of code, in a process of its own that ends well.
+
+    cache : the folder of its disk cache; environment : variables beside those of this process,
+        without those of Numba
+    """
+    known = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA")} | environment
+    if cache is not None:
+        known["RIGIDMC_CACHE_DIR"] = str(cache)
+    command = [sys.executable, *(["-c", code] if isinstance(code, str) else [code]), *words]
+    done = subprocess.run(command, env=known, cwd=cwd, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout, done.stderr

@@ -30,38 +30,30 @@ def stepping(effects=()):
     return [pytest.param(n, marks=pytest.mark.slow) if n in DEAR else n for n in able]
 
 
-def make_block(body, effects, attitude, momentum, more=0):
+def make_block(body, effects, attitude, momentum):
     """Rows of a block; fields of body and effects are numbers or one per member.
 
     Copies of the last member fill up the lanes.
     """
     attitude, momentum = np.asarray(attitude, float), np.asarray(momentum, float)
     members = momentum.shape[1]
-    rows = np.zeros((K.EFFECTS + parameter_count(*effects) + more, members))
+    rows = np.zeros((K.EFFECTS + parameter_count(*effects), members))
     rows[K.ATTITUDE : K.MOMENTUM] = attitude.reshape(4, -1)
     rows[K.MOMENTUM : K.EXTRA] = momentum
-    for row, field in enumerate(
-        [*body[:BODY_NUMBERS], *(value for effect in effects for _, _, value in numbers(effect))],
-        start=K.BODY,
-    ):
+    values = [value for effect in effects for _, _, value in numbers(effect)]
+    for row, field in enumerate([*body[:BODY_NUMBERS], *values], start=K.BODY):
         rows[row] = field
     return np.ascontiguousarray(np.pad(rows, ((0, 0), (0, -members % K.LANES)), mode="edge"))
 
 
 def block_of(problems, effects=None):
     """The block of named problems, one per member; with their own gravity if `effects` is None."""
-    moments, static = (
-        np.array([getattr(p, name) for p in problems], float).T
-        for name in ("moments", "static_moment")
-    )
-    effects = (
-        effects
-        if effects is not None
-        else tuple(type(e)(np.array([p.gravity for p in problems])) for e in problems[0].effects)
-    )
-    attitude, momentum = (
-        np.array([getattr(p, name) for p in problems]).T for name in ("attitude", "momentum")
-    )
+    names = "moments", "static_moment", "attitude", "momentum"
+    fields = (np.array([getattr(p, name) for p in problems], float).T for name in names)
+    moments, static, attitude, momentum = fields
+    if effects is None:
+        weights = np.array([p.gravity for p in problems])
+        effects = tuple(type(e)(weights) for e in problems[0].effects)
     return make_block(MassProperties.of(moments, static), effects, attitude, momentum)
 
 
@@ -70,68 +62,38 @@ def slots(total, stride):
     return (total + stride - 1) // stride + 1
 
 
-def program(
-    made,
-    effects,
-    observables=(),
-    attitude=True,
-    compensated=False,
-    dtype=float,
-    limits=(),
-    watch=((), (), ()),
-    lanes=None,
-):
-    """The compiled Program of a Form."""
-    spec = ProgramSpec(
-        made, blank(effects), observables, attitude, compensated, dtype, limits, (), *watch
-    )
-    return programs.Program(spec, lanes)
+def program(made, effects, observables=(), lanes=None, **how):
+    """The compiled Program of a Form; how : further fields of a ProgramSpec."""
+    return programs.Program(ProgramSpec(made, blank(effects), observables, **how), lanes)
 
 
 def run(
-    block, made, effects, h, steps, observables=(), stride=None, attitude=True, cuts=(),
-    compensated=False, dtype=float, slots_each=None, limits=(), noise=None, watch=((), (), ()),
-    lanes=None,
-):  # fmt: skip
+    block, made, effects, h, steps, observables=(), stride=None, cuts=(), slots_each=None, **how
+):
     """Change the block in place by `steps` steps; return the saves (slot, value row, member).
 
     made : a Form;  cuts : steps at which the run is split into several calls
-    watch : events, running observables and growth; the block then has `more` rows, see
-        `rigidmc.engine.kernel.layout.monitor_rows`
     slots_each : rounds of length h, in which each member makes block[STEPS] steps; `steps` and
         `stride` then count slots
-    lanes : members side by side
+    how : as of `program`
     """
     stride = stride or max(steps, 1)
     rows = sum(size(o.dims) for o in observables)  # of works nothing where none are kept
     width = block.shape[1] if observables else 0
     out = np.full(slots(steps, stride) * rows * width, -1.0) if observables else NOTHING
     saves = arguments.SaveTarget(out, width, 0, np.arange(block.shape[1]))
-    moves = program(made, effects, observables, attitude, compensated, dtype, limits, watch, lanes)
+    moves, own = program(made, effects, observables, **how), int(slots_each is not None)
     for first, last in pairwise([0, *cuts, steps]):
-        moves.advance(
-            block,
-            arguments.StepRange(
-                float(h), slots_each or 1, stride, steps, int(slots_each is not None), first, last
-            ),
-            noise,
-            saves,
-        )
+        part = arguments.StepRange(float(h), slots_each or 1, stride, steps, own, first, last)
+        moves.advance(block, part, None, saves)
     return out.reshape(-1, rows, width) if observables else None
 
 
-def march(kind, problems, h, steps, effects=None, made=None, **options):
+def march(kind, problems, h, steps, made=None, **how):
     """(attitudes (4, n), momenta (3, n)) of named problems after `steps` steps."""
-    block = block_of(problems, effects)
-    effects = problems[0].effects if effects is None else effects
-    run(
-        block,
-        made or prepare(kind, max(turn(p, h) for p in problems), effects),
-        effects,
-        h,
-        steps,
-        **options,
-    )
+    block, effects = block_of(problems), problems[0].effects
+    made = made or prepare(kind, max(turn(p, h) for p in problems), effects)
+    run(block, made, effects, h, steps, **how)
     assert not block[K.STATUS].any()
     return block[: K.MOMENTUM, : len(problems)], block[K.MOMENTUM : K.EXTRA, : len(problems)]
 
@@ -144,17 +106,14 @@ def prepare(kind, turn, effects=(), symmetric=False):
 def one_step(made, body, effects, t, h, q, l):
     """One step in plain Python, opened before and closed after."""
     if len(q) == 2 and implements(made.integrator, "with_compensation"):
-        made = made._replace(
-            integrator=made.integrator.with_compensation(),
-            substeps=np.vstack([np.zeros(4), made.substeps[1:]]),
-        )
+        substeps = np.vstack([np.zeros(4), made.substeps[1:]])
+        made = made._replace(integrator=made.integrator.with_compensation(), substeps=substeps)
     lead, rows = [h * x for x in made.substeps[0]], made.substeps[1:]
     q, l = to_stepping(made.integrator, body, effects, t + lead[3], lead, q, l)
     once = precompute(made.integrator, body, tuple(h * rows[0][:3]), l)
     for row in rows:
-        q, l = step(
-            made.integrator, body, effects, t + h * row[3], h, tuple(h * row[:3]), q, l, once
-        )
+        part = t + h * row[3], h, tuple(h * row[:3])
+        q, l = step(made.integrator, body, effects, *part, q, l, once)
     return from_stepping(made.integrator, body, effects, t + h + lead[3], lead, q, l)
 
 
@@ -168,10 +127,7 @@ def turn_rate_of(moments, momentum):
     order = np.argsort(moments)
     (one, two, three), size = np.asarray(moments, float)[order], np.linalg.norm(momentum)
     u = np.asarray(momentum, float)[order] / size
-    first, second, third = (
-        (two - three) / two / three,
-        (three - one) / three / one,
-        (one - two) / one / two,
-    )
+    pairs = (two, three), (three, one), (one, two)
+    first, second, third = ((a - b) / a / b for a, b in pairs)
     p, q1, q3 = first * third * u[1] ** 2, -second * third * u[0] ** 2, -first * second * u[2] ** 2
     return float(size * np.sqrt(p + max(q1, q3)))

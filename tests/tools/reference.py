@@ -73,12 +73,11 @@ def _taylor_step(inverse, c, damping, q, l, h, degree):
     return [sum(a) for a in q], [sum(a) for a in l]
 
 
-def true_end(problem, time=None, damping=0.0):
+def true_end(problem):
     """(q, L) of a catalogued problem as arrays, from the Taylor series."""
     weight = [mp.mpf(problem.gravity) * mp.mpf(p) for p in problem.static_moment]
-    q, l = taylor(
-        problem.moments, problem.momentum, time or problem.time, problem.attitude, weight, damping
-    )
+    start = problem.moments, problem.momentum, problem.time, problem.attitude
+    q, l = taylor(*start, weight)
     return np.array(q, float), np.array(l, float)
 
 
@@ -126,6 +125,5 @@ def rodrigues(u):
     """exp(hat(u))."""
     angle = np.linalg.norm(u)
     k = hat(u)
-    return (
-        np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * k @ k
-    )
+    one, two = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+    return np.eye(3) + one * k + two * k @ k

@@ -10,8 +10,6 @@ import os
 import random
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -27,6 +25,8 @@ from rigidmc.engine.machine import vector_bits
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.integrators.protocol import step
 from rigidmc.physics.integrators.rk4 import RK4
+from tests.tools.commands import python
+from tests.tools.reference import apart
 
 pytestmark = pytest.mark.skipif(
     not hasattr(os, "getuid"), reason="folder permissions are those of POSIX"
@@ -87,24 +87,12 @@ def place(tmp_path):
 
 def ran(place, effect="damping", sign=1, **settings):
     """(the output of a process with that effect, its log)."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA")}
-    environment |= {
-        "RIGIDMC_CACHE_DIR": str(place / "cache"),
-        "PYTHONPATH": str(place),
-        "PYTHONDONTWRITEBYTECODE": "1",
-        **settings,
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", RUN.replace("SIGN", str(sign)), effect],
-        cwd=place,
-        env=environment,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    settings |= {"PYTHONPATH": str(place), "PYTHONDONTWRITEBYTECODE": "1"}
+    code = RUN.replace("SIGN", str(sign))
+    out, log = python(code, effect, cache=place / "cache", cwd=place, **settings)
+    found = json.loads(out)
     assert Path(found["home"]).is_relative_to(place)
-    return found, done.stderr
+    return found, log
 
 
 PIECES = 6  # gather, scatter, initialise, march, assess, and the loop over members
@@ -244,11 +232,7 @@ RUNS = (
 )
 def test_the_stamp_of_a_kernel_has_every_source_compiled_for_it(runs, tmp_path):
     """A kernel is compiled from up to 17 files beyond Numba's; its stamp has 38 or more."""
-    command = [sys.executable, "-c", TRACED]
-    environment = os.environ | {"RUNS": runs, "RIGIDMC_CACHE_DIR": str(tmp_path)}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    counts, missed = json.loads(done.stdout)
+    counts, missed = json.loads(python(TRACED, cache=tmp_path, RUNS=runs)[0])
     assert max(counts) > 10 and missed == []
 
 
@@ -356,13 +340,19 @@ def test_a_private_folder_is_accepted_silently(small, tmp_path):
     assert len(kernels_in(tmp_path / "cache")) == 1
 
 
-def test_a_class_of_a_script_has_no_stamp():
-    """Code of a class without a stamp is never stored; two scripts have classes of one name."""
+def own_of_script():
+    """The class of the script, by the same lines."""
     (lines,) = re.findall(r"^(class Own.*?)\n\n", RUN, re.S | re.M)
     script = {"__name__": "__main__", "NamedTuple": NamedTuple, "SIGN": 1}
     exec(lines, script)
-    assert frozen.stamp_of(script["Own"]) is None
-    signature = numba.float64(numba.typeof(frozen.frozen(script["Own"](0.5))))
+    return script["Own"]
+
+
+def test_a_class_of_a_script_has_no_stamp():
+    """Code of a class without a stamp is never stored; two scripts have classes of one name."""
+    own = own_of_script()
+    assert frozen.stamp_of(own) is None
+    signature = numba.float64(numba.typeof(frozen.frozen(own(0.5))))
     assert not disk_cache.entry_of([signature]).is_lasting
 
 
@@ -376,27 +366,11 @@ def test_a_user_effect_works_and_is_never_taken_from_the_cache(place):
     # code without effects: enter, leave, and the loop over members
     assert len(kernels_in(place / "cache")) == 3
     assert first["state"] != other["state"]
-
-    class Own(NamedTuple):
-        size: float
-
-        def torque(self, t, l):
-            return self.size, t * l[1], 0.0
-
+    body = MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3))
     q, l = (0.6, 0.0, 0.8, 0.0), (1.0, 2.0, 3.0)
     for i in range(4):
-        l = step(
-            RK4(),
-            MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)),
-            (Own(0.5),),
-            0.01 * i,
-            0.01,
-            (),
-            q,
-            l,
-            (),
-        )[1]
-    assert max(abs(a - b) for a, b in zip(l, first["state"][4:], strict=True)) < 4e-15  # measured 0
+        l = step(RK4(), body, (own_of_script()(0.5),), 0.01 * i, 0.01, (), q, l, ())[1]
+    assert apart(l, first["state"][4:]) < 4e-15  # measured 0
 
 
 @pytest.fixture
@@ -416,12 +390,8 @@ def test_a_kernel_with_any_flipped_bit_is_not_loaded(kept, caplog, level):
     """
     file, some = kept[level], random.Random(5)
     data, entry = file.read_bytes(), disk_cache.Entry(file.name, True)
-    bad = [data[:cut] for cut in (0, 1, 31, 32, 33, len(data) // 2, len(data) - 1)] + [
-        data + b"x",
-        b"\0" * len(data),
-        data[32:],
-        kept[1 - level].read_bytes(),
-    ]
+    bad = [data[:cut] for cut in (0, 1, 31, 32, 33, len(data) // 2, len(data) - 1)]
+    bad += [data + b"x", b"\0" * len(data), data[32:], kept[1 - level].read_bytes()]
     for _ in range(300):
         torn = bytearray(data)
         torn[some.randrange(len(data))] ^= 1 << some.randrange(8)
@@ -446,19 +416,19 @@ def test_a_kernel_for_another_cpu_is_not_loaded(kept, monkeypatch):
     """CPUs with the same Python, x86-64 and ARM among them, may share a folder."""
     entry = machine_code.kernel_entry(twice, REAL)
     assert [entry.name, machine_code._of_processor(entry).name] == [file.name for file in kept]
-    here = machine_code._codegen().magic_tuple()
+    here, changes = machine_code._codegen().magic_tuple(), []
     for place, word in enumerate(("aarch64-unknown-linux-gnu", "neoverse-n1", "+neon")):
         told = *here[:place], word, *here[place + 1 :]
         other = SimpleNamespace(magic_tuple=lambda told=told: told)
+        changes.append((machine_code, "_codegen", lambda other=other: other))
+    changes.append((machine_code, "vector_bits", lambda: 2 * vector_bits()))
+    changes.append((llvm, "get_process_triple", lambda: "aarch64-unknown-linux-gnu"))
+    for change in changes:
         with monkeypatch.context() as patch:
-            patch.setattr(machine_code, "_codegen", lambda other=other: other)
-            assert not disk_cache.is_stored(machine_code._of_processor(entry))
-    with monkeypatch.context() as patch:
-        patch.setattr(machine_code, "vector_bits", lambda: 2 * vector_bits())
-        assert not disk_cache.is_stored(machine_code.kernel_entry(twice, REAL))
-    with monkeypatch.context() as patch:
-        patch.setattr(llvm, "get_process_triple", lambda: "aarch64-unknown-linux-gnu")
-        assert not disk_cache.is_stored(machine_code.kernel_entry(twice, REAL))
+            patch.setattr(*change)
+            now = machine_code.kernel_entry(twice, REAL)
+            assert not disk_cache.is_stored(machine_code._of_processor(now))
+            assert disk_cache.is_stored(now) == (change[1] == "_codegen")
     assert disk_cache.is_stored(entry)
 
 

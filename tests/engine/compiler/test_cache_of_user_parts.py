@@ -9,8 +9,6 @@ import hashlib
 import itertools
 import json
 import os
-import subprocess
-import sys
 
 import numba
 import numpy as np
@@ -21,6 +19,7 @@ from rigidmc.engine.compiler.kernels import config
 from rigidmc.engine.formulas import evaluate_forces
 from rigidmc.files.user_code import class_of
 from rigidmc.physics.dynamics.euler import MassProperties
+from tests.tools.commands import python
 
 pytestmark = [
     pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled"),
@@ -182,15 +181,7 @@ def edited(place, name):
 
 def ran(cache, *folders):
     """(bits of the torque, whether it is right, functions compiled, why it is not kept) of each."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA")}
-    done = subprocess.run(
-        [sys.executable, "-c", RUN, *folders],
-        env={**environment, "RIGIDMC_CACHE_DIR": str(cache)},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    return [json.loads(line) for line in done.stdout.splitlines()]
+    return [json.loads(line) for line in python(RUN, *folders, cache=cache)[0].splitlines()]
 
 
 def test_what_changes_the_physics_changes_the_stamp(place):
@@ -308,8 +299,7 @@ def test_who_teaches_numba_has_no_stamp(place):
     """No function of the class names what the overload computes. From then on no class of the
     process has a stamp: nothing is compiled, but in a process."""
     folder = bare(place, "teaches", TEACHING.replace("NUMBER", "0.75"), "half(3.0)")
-    words = [sys.executable, "-c", WHY, folder]
-    told = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    told, _ = python(WHY, folder)
     assert told.startswith("None ") and "extends Numba" in told
 
 
@@ -327,15 +317,14 @@ def test_who_teaches_numba_is_compiled_in_every_process(place):
 NUMBERS = itertools.count()
 
 
-def loaded(place, name, before, term="half(3.0)"):
+def loaded(place, name, before):
     """The class of a variant of BARE, from its file."""
-    text = BARE.replace("BEFORE", before).replace("TERM", term)
     name = f"{name} {next(NUMBERS)}"  # a file is read once
-    return class_of(written(place, name, **{"mine.py": text}), "mine.py", "Push", "effects")
+    return class_of(bare(place, name, before, "half(3.0)"), "mine.py", "Push", "effects")
 
 
-def stamp(place, name, before, term="half(3.0)"):
-    return frozen.stamp_of(loaded(place, name, before, term))
+def stamp(place, name, before):
+    return frozen.stamp_of(loaded(place, name, before))
 
 
 HALF = "def half(x, by=2.0, *, more=0.0):\n    return NUMBER * x\nNUMBER = "
@@ -376,6 +365,9 @@ def test_a_class_that_changes_in_a_process_gets_another_stamp_and_back(place):
     assert frozen.stamp_of(kind) != first.stamp
 
 
+STATE = MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (1.0, 2.0, 3.0)
+
+
 @pytest.fixture
 def compiled(tmp_path, monkeypatch):
     """What tells how many functions Numba compiles for a class, with an empty cache at first."""
@@ -394,8 +386,7 @@ def compiled(tmp_path, monkeypatch):
         for module in kernels, machine_code:
             monkeypatch.setattr(module, "_addresses", {})
         monkeypatch.setattr(machine_code, "_llvm_code", {})
-        state = (1.0, 0.0, 0.0, 0.0), (1.0, 2.0, 3.0)
-        found = evaluate_forces((kind(0.3, 0.7),), MassProperties(*[1.0] * 9), *state)
+        found = evaluate_forces((kind(0.3, 0.7),), *STATE)
         assert found[:3].tolist() == pytest.approx([1.5 * 0.3, 0.7, 0.0], rel=1e-15)
         return len(count)
 
@@ -454,13 +445,16 @@ def test_two_classes_of_one_name_in_a_signature_keep_their_places(place, compile
     """Each is written by its place: in the next process they may be loaded in another order."""
     one = "def half(x):\n    return 0.25 * x"
     kinds = [loaded(place, "two", code) for code in (SIMPLE, one)]
-    body, q, l = MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (1.0, 2.0, 3.0)
+
+    def forces(first, second):
+        return evaluate_forces((first(1.0, 0.0), second(0.0, 1.0)), *STATE)
+
     assert compiled(kinds[0]) > 0
-    first = evaluate_forces((kinds[0](1.0, 0.0), kinds[1](0.0, 1.0)), body, q, l)
+    first = forces(*kinds)
     again = [loaded(place, "two", code) for code in (one, SIMPLE)][::-1]
     assert compiled(again[0]) == 0
-    assert (evaluate_forces((again[0](1.0, 0.0), again[1](0.0, 1.0)), body, q, l) == first).all()
-    swapped = evaluate_forces((again[1](1.0, 0.0), again[0](0.0, 1.0)), body, q, l)
+    assert (forces(*again) == first).all()
+    swapped = forces(*again[::-1])
     assert swapped.tolist() == [0.75, 1.0, 0.0, 0.0] != first.tolist()
 
 
@@ -506,14 +500,9 @@ def test_a_run_with_an_own_effect_compiles_nothing_in_the_next_process(place):
     folder = bare(place, "simulated", SIMPLE, "half(3.0)")
     with open(os.path.join(folder, "scene.toml"), "w") as file:
         file.write(SCENE)
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA")}
-    environment["RIGIDMC_CACHE_DIR"] = str(place / "simulate")
-    words = [sys.executable, "-c", SIMULATE, os.path.join(folder, "scene.toml")]
+    given = SIMULATE, os.path.join(folder, "scene.toml")
     (first, bits, *_), (second, same, *warmed) = (
-        subprocess.run(
-            words, env=environment, capture_output=True, text=True, check=True
-        ).stdout.split()
-        for _ in range(2)
+        python(*given, cache=place / "simulate")[0].split() for _ in range(2)
     )
     assert int(first) > 50 and int(second) == 0 and bits == same and warmed == ["[()]"]
 

@@ -8,7 +8,6 @@ with `law`, so one formula, compiled, compares all kinds with plain Python.
 import importlib
 import json
 import os
-import subprocess
 import sys
 from typing import Any, NamedTuple
 
@@ -23,6 +22,7 @@ from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects.protocol import torque
 from rigidmc.physics.integrators.protocol import step
 from rigidmc.physics.observables.compiled import begin, level, update, value
+from tests.tools.commands import python
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
@@ -321,7 +321,7 @@ def without_numba(names):
         names[name] = getattr(thing, "py_func", thing)
 
 
-def python(module):
+def plain(module):
     before = dict(vars(module))
     without_numba(vars(module))
     try:
@@ -334,7 +334,7 @@ def compiled(module, side=8):
     parts = parts_of(module)
     rows = np.repeat(np.concatenate([[0.5] * len(parts), STATE])[:, None], 2, axis=1)
     formula = All(tuple(type(part)(0.0) for part in parts), (0.0,) * 4, (0.0,) * 3)
-    return evaluate(formula, len(python(module)), rows, threads=1, side=side)[:, 0]
+    return evaluate(formula, len(plain(module)), rows, threads=1, side=side)[:, 0]
 
 
 def follow(module, way, seen, order=(False, True, False)):
@@ -342,7 +342,7 @@ def follow(module, way, seen, order=(False, True, False)):
     found = []
     for changed in order:
         WAYS[way](module, not changed)
-        found.append((seen(module), python(module)))
+        found.append((seen(module), plain(module)))
     WAYS[way](module, True)
     assert not np.array_equal(found[0][1], found[1][1]), way  # the change is one
     return max(float(np.abs(one - other).max()) for one, other in found)
@@ -355,10 +355,9 @@ def test_a_copy_computes_what_the_class_computes_now(way, tmp_path):
 
     def of_copy(module):
         copies.append(frozen(parts_of(module)))
-        for function in (
-            each for part in copies[-1] for each in frozen_class(type(part)).functions
-        ):
-            without_numba(function.__globals__)
+        for part in copies[-1]:
+            for function in frozen_class(type(part)).functions:
+                without_numba(function.__globals__)
         kept.append(All(copies[-1], *state_of()).values())
         return np.array(kept[-1])
 
@@ -405,10 +404,8 @@ print(len(machine_code._addresses))
 def test_a_changed_class_is_loaded_from_the_disk(tmp_path):
     """A class that has changed in one process: code from the disk is that of its present form."""
     (tmp_path / "next.py").write_text(NEXT)
-    environment = {**os.environ, "RIGIDMC_CACHE_DIR": str(tmp_path / "cache")}
-    words = [sys.executable, str(tmp_path / "next.py")]
-    done = subprocess.run(words, env=environment, capture_output=True, text=True)
-    assert int(done.stdout) > 0 and "cannot use" not in done.stderr, done.stderr
+    out, log = python(tmp_path / "next.py", cache=tmp_path / "cache")
+    assert int(out) > 0 and "cannot use" not in log, log
 
 
 CHECK = """
@@ -424,11 +421,8 @@ print(json.dumps(worst))
 @pytest.mark.slow
 def test_no_process_takes_the_code_of_another_content(tmp_path):
     for order in ([False, True, False], [True, False, True]) * 2:
-        words = [sys.executable, "-c", CHECK, str(tmp_path), json.dumps(order)]
-        environment = {**os.environ, "RIGIDMC_CACHE_DIR": str(tmp_path / "cache")}
-        done = subprocess.run(words, env=environment, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        assert max(json.loads(done.stdout).values()) < 1e-15  # measured 0
+        out, _ = python(CHECK, tmp_path, json.dumps(order), cache=tmp_path / "cache")
+        assert max(json.loads(out).values()) < 1e-15  # measured 0
 
 
 def test_facts_that_are_compiled_give_another_copy(tmp_path):
@@ -508,7 +502,5 @@ KEPT = [("taught", "FACTOR = 2.0"), ("by_element", "FACTOR = 2.0"), ("taught", A
 )
 def test_code_that_numba_keeps_is_refused_once_it_changes(name, change, tmp_path):
     """In a process of its own: who extends Numba does so for good."""
-    words = [sys.executable, "-c", REFUSE, str(tmp_path), name, change]
-    done = subprocess.run(words, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert "has changed since Numba compiled it" in done.stdout
+    told, _ = python(REFUSE, tmp_path, name, change)
+    assert "has changed since Numba compiled it" in told

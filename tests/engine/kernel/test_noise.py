@@ -45,13 +45,8 @@ class Member(NamedTuple):
 
     def values(self):
         four = philox((KEY[0], KEY[1]), (as_word(self.number), STEP, STREAM, ONE))
-        return (
-            as_float(four[0]),
-            as_float(four[1]),
-            as_float(four[2]),
-            as_float(four[3]),
-            *normals(four),
-        )
+        a, b, c, d = four
+        return (as_float(a), as_float(b), as_float(c), as_float(d), *normals(four))
 
 
 @pytest.fixture(scope="module")
@@ -62,13 +57,9 @@ def made():
 
 
 def test_words_are_those_of_numpy(made):
-    count = made[1].shape[1]
-    theirs = (
-        np.random.Philox(key=KEY, counter=np.array([0, STEP, STREAM, 1], np.uint64))
-        .random_raw(4 * count)
-        .reshape(-1, 4)
-        .T
-    )
+    start = np.array([0, STEP, STREAM, 1], np.uint64)
+    raw = np.random.Philox(key=KEY, counter=start).random_raw(4 * made[1].shape[1])
+    theirs = raw.reshape(-1, 4).T
     assert np.array_equal(made[1], theirs)
     assert [list(words(m)) for m in (0, 1, 999)] == [list(theirs[:, m]) for m in (0, 1, 999)]
 
@@ -87,13 +78,8 @@ def test_bits_come_and_go():
 
 def test_logarithm_is_right_relative_to_its_size():
     some = np.random.default_rng(2)
-    xs = np.concatenate(
-        [
-            2.0 ** -some.uniform(0, 53, 2000),
-            1.0 - 2.0 ** -some.uniform(1, 53, 500),
-            [2.0**-53, 1.0 - 2.0**-53, 0.5],
-        ]
-    )
+    small, near = 2.0 ** -some.uniform(0, 53, 2000), 1.0 - 2.0 ** -some.uniform(1, 53, 500)
+    xs = np.concatenate([small, near, [2.0**-53, 1.0 - 2.0**-53, 0.5]])
     with mp.workdps(40):
         worst = max(abs((logarithm(x) - mp.log(x)) / mp.log(x)) for x in map(float, xs))
     assert worst < 2.5e-16  # measured 1.2e-16

@@ -27,13 +27,10 @@ class Properties:
 def matrices(q):
     """A (3, 3, ...) of quaternions (4, ...), from body to space components."""
     w, x, y, z = q / np.sqrt((q * q).sum(0))
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    one = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    two = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    three = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    return np.array([one, two, three])
 
 
 def symmetric(six):
@@ -59,9 +56,8 @@ def pull(e, t):
 
 
 def turn_about_z(a):
-    return np.array(
-        [[math.cos(a), -math.sin(a), 0.0], [math.sin(a), math.cos(a), 0.0], [0.0, 0.0, 1.0]]
-    )
+    c, s = math.cos(a), math.sin(a)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def gradient_torque(e, t, a, b):
@@ -282,10 +278,5 @@ class Motion:
         frame = np.array([[-s, c, zero], [zero, zero, -one], [-c, -s, zero]])
         body = matrices(y[:4])[:, [abs(i) for i in axes]] * np.reshape(signs, (1, 3, 1))
         m = np.einsum("jkn,kin->ijn", frame, body)
-        return np.array(
-            [
-                np.arctan2(m[1, 2], m[2, 2]),
-                np.arctan2(-m[0, 2], np.hypot(m[1, 2], m[2, 2])),
-                np.arctan2(m[0, 1], m[0, 0]),
-            ]
-        )
+        pitch = np.arctan2(-m[0, 2], np.hypot(m[1, 2], m[2, 2]))
+        return np.array([np.arctan2(m[1, 2], m[2, 2]), pitch, np.arctan2(m[0, 1], m[0, 0])])

@@ -45,9 +45,8 @@ def test_a_peg_in_a_socket_raises_a_top_and_feeds_its_nutation():
     slow = float(rm.steady_precession((I1, I1, I3), K, SPIN, 0.4).slow)
     rates = (slow, 0.0, SPIN - slow * math.cos(0.4))
     omega = rm.omega_from_euler_rates((0.0, 0.4, 0.0), rates)
-    _, axis, vertical_momentum, energy = simulated(
-        RubbingPeg(1e-3, 1.0), (0.0, 0.4, 0.0), omega, 10.0
-    )
+    peg, angles = RubbingPeg(1e-3, 1.0), (0.0, 0.4, 0.0)
+    _, axis, vertical_momentum, energy = simulated(peg, angles, omega, 10.0)
     theta = np.arccos(axis[:, 2])
     # kept by a torque without a vertical part; measured 1.6e-13
     assert np.ptp(vertical_momentum) < 1e-12 * vertical_momentum[0]

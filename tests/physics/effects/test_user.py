@@ -75,11 +75,7 @@ for _ in range(int(l[0])):
 return x, 0.0, 0.0"""
 
 
-class Sine(NamedTuple):
-    size: float
-
-    def torque(self, l):
-        return self.size * math.sin(l[0]), 0.0, 0.0
+SINE = own("Sine", "l", "return self.size * math.sin(l[0]), 0.0, 0.0")
 
 
 class Gamma(NamedTuple):
@@ -179,14 +175,15 @@ def test_a_misspelt_method_in_a_scene_file_is_one_message(tmp_path):
     assert done.exit_code == 3 and "it has `torqe`: did you mean `torque`?" in done.stderr
 
 
-class Five(NamedTuple):
-    size: float
-
-    def torque(self, l):
-        x = self.size
-        for _ in range(5):
-            x = 0.5 * x * x + l[1]
-        return (x, 0.0, 0.0) if l[0] > 0.3 else (0.0, x, 0.0)
+FIVE = own(
+    "Five",
+    "l",
+    """
+x = self.size
+for _ in range(5):
+    x = 0.5 * x * x + l[1]
+return (x, 0.0, 0.0) if l[0] > 0.3 else (0.0, x, 0.0)""",
+)
 
 
 class Switch(NamedTuple):
@@ -213,8 +210,8 @@ class Wall(NamedTuple):
 
 
 def test_a_message_says_whether_an_effect_is_packed_and_why_not():
-    assert why_scalar(Sine(1.0)) == why_scalar(Weight(9.81)) == ""
-    for one in (Five(1.0), Gamma(1.0), HALVING, Switch(1.0), Wall(1.0)):
+    assert why_scalar(SINE) == why_scalar(Weight(9.81)) == ""
+    for one in (FIVE, Gamma(1.0), HALVING, Switch(1.0), Wall(1.0)):
         assert "takes one number at a time" in why_scalar(one)
 
 
