@@ -38,20 +38,13 @@ from rigidmc.files.outputs import content_of
 from rigidmc.physics.integrators import INTEGRATORS
 from rigidmc.planning.monitors import Monitors
 from rigidmc.protocols import effect
-from rigidmc.runs import price
+from rigidmc.runs import price, resources
 from rigidmc.runs.assemble import derivatives_on
 from rigidmc.runs.directory import checkpoints, cluster
 from rigidmc.runs.directory.create import create
 from rigidmc.runs.directory.resume import resume
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
-from rigidmc.runs.resources import (
-    DEVICE_SLAB,
-    WAVE,
-    block_of,
-    block_of_shard,
-    moved_at_once,
-    movers,
-)
+from rigidmc.runs.resources import block_of, block_of_shard, moved_at_once, movers
 from rigidmc.studies import bits
 from rigidmc.studies.bits import cases
 from tests.engine.kernel.test_last_interval import scene as shortened
@@ -70,11 +63,25 @@ HEAVY = next(one.scene for one in cases(("rk4",), ("heavy",)) if one.name == "he
 SCENE = HEAVY.with_run(dt=0.02, members=70)
 
 
+def quick_if(quick, names):
+    """Parameters of a test of these names, of which most are for slow tests."""
+    return [one if one in quick else pytest.param(one, marks=pytest.mark.slow) for one in names]
+
+
 # each takes 10 to 18 s
-SOME = [one if one == "rk4" else pytest.param(one, marks=pytest.mark.slow) for one in QUICK]
+SOME = quick_if(("rk4",), QUICK)
 GROWING = next(one for one in cases(("strang",), ("heavy",)) if "works" in one.name).scene
 # of runs that monitor nothing
 ALONE = {"integrator": "rk4", "dt": 0.02, "t_end": 2.0, "members": 70, "save": ("momentum",)}
+
+
+def assert_alike(scene, fake):
+    """Assert that a device gives the bits of the processor; return them."""
+    here, driver = rm.simulate(scene), fake()
+    there = rm.simulate(scene, device="cuda")
+    assert driver.launches
+    assert_same(here, there)
+    return here
 
 
 def test_works_and_the_growth_of_tangents_have_the_bits_of_the_processor(fake):
@@ -82,10 +89,7 @@ def test_works_and_the_growth_of_tangents_have_the_bits_of_the_processor(fake):
     compile, and the launches below watch others."""
     scene = replace(GROWING, observables=())
     scene = scene.with_run(save=("attitude", "momentum", "energy", "work", "megno"))
-    here, driver = rm.simulate(scene), fake()
-    there = rm.simulate(scene, device="cuda")
-    assert driver.launches and {"work", "lyapunov"} <= set(here.data_vars)
-    assert_same(here, there)
+    assert {"work", "lyapunov"} <= set(assert_alike(scene, fake).data_vars)
 
 
 @pytest.mark.slow
@@ -108,11 +112,7 @@ def test_the_launches_of_every_integrator_give_the_recorded_bits(name, fake):
     {"integrator": "rk4", "turn": 0.05, "save": ("omega", "flips", "omega_mean")},
 ], ids=["equal steps", "own steps"])  # fmt: skip
 def test_a_shorter_last_interval_has_the_same_bits(settings, fake):
-    one = shortened().with_run(members=70, **settings)
-    here, driver = rm.simulate(one), fake()
-    there = rm.simulate(one, device="cuda")
-    assert driver.launches
-    assert_same(here, there)
+    assert_alike(shortened().with_run(members=70, **settings), fake)
 
 
 WRT = "start.omega.size", "start.omega.angle", "body.moments.1", "effects.gravity.g"
@@ -123,11 +123,7 @@ WRT = "start.omega.size", "start.omega.angle", "body.moments.1", "effects.gravit
 def test_derivatives_have_the_bits_of_the_processor(integrator, fake):
     """Two passes of two here; with rk8 four of one there."""
     save = "omega", "attitude", "flips"
-    scene = SCENE.with_run(integrator=integrator, save=save, wrt=WRT)
-    here, driver = rm.simulate(scene), fake()
-    there = rm.simulate(scene, device="cuda")
-    assert driver.launches
-    assert_same(here, there)
+    assert_alike(SCENE.with_run(integrator=integrator, save=save, wrt=WRT), fake)
 
 
 @pytest.mark.parametrize(("integrator", "passes"), [("rk4", (2, 2)), ("rk8", (1, 4))])
@@ -233,10 +229,7 @@ def loops(function):
 
 
 # exact has the most registers
-MOST = [
-    one if one in ("rk4", "exact") else pytest.param(one, marks=pytest.mark.slow)
-    for one in NO_SPILL
-]
+MOST = quick_if(("rk4", "exact"), NO_SPILL)
 
 
 @pytest.mark.parametrize("name", MOST)
@@ -249,7 +242,7 @@ def test_steps_touch_no_memory(name, fake):
     scene = replace(scene.with_run(save=("attitude", "omega_last")), observables=())
     text = program_of(scene, "cuda").code_for("9.0")
     memory = [
-        sum(bool(re.search(r"\b(ld|st)\.", line)) for line in loop)
+        len([line for line in loop if re.search(r"\b(ld|st)\.", line)])
         for loop in loops(march_of(text))
     ]
     assert sorted(memory) == [0, 7], (label, memory)  # 7: the trace of what is watched
@@ -313,10 +306,7 @@ ON_LINUX = pytest.mark.skipif(tool("ptxas") is None, reason="ptxas is for Linux 
 
 
 @ON_LINUX
-@pytest.mark.parametrize(
-    "name",
-    ["rk4", *(pytest.param(one, marks=pytest.mark.slow) for one in NO_SPILL if one != "rk4")],
-)
+@pytest.mark.parametrize("name", quick_if(("rk4",), NO_SPILL))
 def test_the_steps_spill_no_register(name):
     """`python -m bench gpu` has the table of all integrators and effects."""
     row = inspected("nothing", name, scenes(True)["nothing"], (), (9, 0))
@@ -369,10 +359,9 @@ def test_words_of_devices(fake, monkeypatch):
         rm.device("cuda")
     with pytest.raises(rm.NoDevice, match="cuda:2: the devices are cuda:0 to cuda:1"):
         rm.simulate(SCENE, device="cuda:2")
+    words = r"device = .*expected cpu, cuda, cuda:NUMBER or auto"
     for word in ("gpu", "cuda:x", "CUDA", ""):
-        with pytest.raises(
-            rm.OptionError, match=r"device = .*expected cpu, cuda, cuda:NUMBER or auto"
-        ):
+        with pytest.raises(rm.OptionError, match=words):
             rm.simulate(SCENE, device=word)
     fake(devices=0)
     assert resolve_device("auto") == "cpu"
@@ -383,9 +372,8 @@ def test_without_the_driver(monkeypatch):
     cuda_device.devices.cache_clear()
     missing = SimpleNamespace(cuInit=Mock(side_effect=RuntimeError("libcuda.so.1 is missing")))
     monkeypatch.setattr(cuda_device, "_library", lambda: missing)
-    with pytest.raises(
-        rm.NoDevice, match=r"the NVIDIA driver is missing or too old: libcuda\.so\.1"
-    ):
+    words = r"the NVIDIA driver is missing or too old: libcuda\.so\.1"
+    with pytest.raises(rm.NoDevice, match=words):
         rm.simulate(SCENE, device="cuda")
     monkeypatch.undo()
     monkeypatch.setitem(sys.modules, "cuda.bindings", None)
@@ -402,20 +390,13 @@ def test_old_devices_are_refused(fake, monkeypatch):
 
 def test_code_that_no_device_has_is_refused(fake):
     fake(compiled=False)
+    scene = rm.Scene(SCENE.body, (Foreign(0.1),), SCENE.start).with_run(**ALONE)
     with pytest.raises(rm.OptionError, match="calls erf, which GPUs do not have"):
-        rm.simulate(
-            rm.Scene(SCENE.body, (Foreign(0.1),), SCENE.start).with_run(**ALONE), device="cuda"
-        )
+        rm.simulate(scene, device="cuda")
 
 
 def test_an_effect_that_branches_runs_on_a_device(fake):
-    scene = rm.Scene(SCENE.body, (Branching(0.1),), SCENE.start).with_run(**ALONE)
-    alone = rm.simulate(scene)
-    fake()
-    assert (
-        rm.simulate(scene, device="cuda").momentum.values.tobytes()
-        == alone.momentum.values.tobytes()
-    )
+    assert_alike(rm.Scene(SCENE.body, (Branching(0.1),), SCENE.start).with_run(**ALONE), fake)
 
 
 def test_the_code_is_kept(fake, monkeypatch, tmp_path):
@@ -641,8 +622,8 @@ def test_blocks_fill_devices_and_no_memory(fake):
     block = block_of(wide, 16, "cuda", True)
     assert blocks == [512, 156_256] and movers(16, "cuda") == 2
     saved = block * wide.layout.numbers * 8
-    assert 0.98 * DEVICE_SLAB < saved <= DEVICE_SLAB
+    assert 0.98 * resources.DEVICE_SLAB < saved <= resources.DEVICE_SLAB
     assert block_of_shard(many.layout, 137 * 4064) == 137 * 4064  # which has no large divisor
     assert block_of_shard(wide.layout, 137 * 4064) <= block
-    assert moved_at_once(few.members.size, 16, "cuda") == WAVE
+    assert moved_at_once(few.members.size, 16, "cuda") == resources.WAVE
     assert moved_at_once(many.members.size, 16, "cuda") == 5e6

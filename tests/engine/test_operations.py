@@ -27,9 +27,8 @@ def test_operations_of_a_torque():
 
 
 def counted(name, effects=(), attitude=True):
-    return step_operations(
-        scheme_of(INTEGRATORS[name], TurnBounds(0.1, 0.1), effects), effects, attitude
-    ).all
+    made = scheme_of(INTEGRATORS[name], TurnBounds(0.1, 0.1), effects)
+    return step_operations(made, effects, attitude).all
 
 
 def test_operations_of_a_step():

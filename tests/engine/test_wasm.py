@@ -30,16 +30,11 @@ def triples(count):
     def number():
         sign = chance.choice((-1.0, 1.0))
         few = 1.0 + chance.getrandbits(6) * 2.0 ** -chance.choice((5, 26, 52))
-        return sign * chance.choice(
-            (
-                chance.gauss(0.0, 1.0),
-                struct.unpack("<d", struct.pack("<Q", chance.getrandbits(64)))[0],
-                chance.choice(ENDS),
-                chance.getrandbits(53) * 2.0 ** chance.randint(-1074, -900),
-                few * 2.0 ** chance.randint(900, 1023),
-                few * 2.0 ** chance.randint(-560, -480),
-            )
-        )
+        any_bits = struct.unpack("<d", struct.pack("<Q", chance.getrandbits(64)))[0]
+        tiny = chance.getrandbits(53) * 2.0 ** chance.randint(-1074, -900)
+        scaled = few * 2.0 ** chance.randint(900, 1023), few * 2.0 ** chance.randint(-560, -480)
+        some = chance.gauss(0.0, 1.0), any_bits, chance.choice(ENDS), tiny, *scaled
+        return sign * chance.choice(some)
 
     for _ in range(count):
         x, y, z = number(), number(), number()

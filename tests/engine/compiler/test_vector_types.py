@@ -26,15 +26,8 @@ class Sums(NamedTuple):
 
     def values(self):
         a, b, c, d = self.a, self.b, self.c, self.d
-        return (
-            a * b + c * d,
-            a * b - c * d,
-            c - a * b,
-            (a + b) * (c - d) - a,
-            -a * b + c,
-            a * 3.0 - d,
-            TENTH * 3.0 + a,
-        )
+        mixed = (a + b) * (c - d) - a, -a * b + c, a * 3.0 - d, TENTH * 3.0 + a
+        return (a * b + c * d, a * b - c * d, c - a * b, *mixed)
 
 
 class Choices(NamedTuple):
@@ -46,15 +39,8 @@ class Choices(NamedTuple):
     def values(self):
         a, b = self.a, self.b
         both, one = (a > 0.0) & (b > 0.0), (a > 0.0) | (b > 0.0)
-        return (
-            max(a, b),
-            min(a, b),
-            abs(a),
-            math.copysign(a, b),
-            chosen(both, a, b),
-            chosen(one, 1.0, 0.0),
-            chosen(a != a, 1.0, b),
-        )
+        found = chosen(both, a, b), chosen(one, 1.0, 0.0), chosen(a != a, 1.0, b)
+        return (max(a, b), min(a, b), abs(a), math.copysign(a, b), *found)
 
 
 class Others(NamedTuple):
@@ -114,90 +100,57 @@ def test_of_two_products_the_left_one_is_fused():
     found = evaluate(Sums, 7, columns)
     for e in range(200):
         a, b, c, d = map(float, columns[:, e])
-        wanted = (
-            fused(a, b, c * d),
-            fused(a, b, -(c * d)),
-            fused(-a, b, c),
-            fused(a + b, c - d, -a),
-            fused(-a, b, c),
-            fused(a, 3.0, -d),
-            fused(
-                TENTH, 3.0, a
-            ),  # a product that all members share and no float equals: 0.3 and a little more
-        )
-        assert found[:, e].tolist() == list(wanted)
-    assert (
-        found[0] != columns[0] * columns[1] + columns[2] * columns[3]
-    ).any()  # unfused products have other bits
+        given = (a, b, c * d), (a, b, -(c * d)), (-a, b, c), (a + b, c - d, -a), (-a, b, c)
+        # the last: a product that all members share and no float equals, 0.3 and a little more
+        more = (a, 3.0, -d), (TENTH, 3.0, a)
+        assert found[:, e].tolist() == [fused(*three) for three in (*given, *more)]
+    # unfused products have other bits
+    assert (found[0] != columns[0] * columns[1] + columns[2] * columns[3]).any()
 
 
 @pytest.mark.parametrize("side", [1, 2, 4, 8, 16])
 def test_the_width_changes_no_bit(side):
     columns = some.normal(size=(4, 37))
-    assert (
-        evaluate(Sums, 7, columns, side=side).tobytes()
-        == evaluate(Sums, 7, columns, side=8).tobytes()
-    )
-    assert (
-        evaluate(Functions, 18, np.abs(columns[:2]), side=side).tobytes()
-        == evaluate(Functions, 18, np.abs(columns[:2]), side=8).tobytes()
-    )
+    for formula, count, given in ((Sums, 7, columns), (Functions, 18, np.abs(columns[:2]))):
+        here, there = (evaluate(formula, count, given, side=n).tobytes() for n in (side, 8))
+        assert here == there
 
 
-def test_choices_are_those_of_python():
-    columns = np.concatenate(
-        [
-            some.normal(size=(2, 50)),
-            [[0.0, -0.0, np.nan, np.nan, 1.0], [-0.0, 0.0, 1.0, -1.0, np.nan]],
-        ],
-        axis=1,
-    )
-    plain = np.array([Choices(*map(float, column)).values() for column in columns.T]).T
-    assert evaluate(Choices, 7, columns).tobytes() == plain.tobytes()
+ZEROS_AND_NAN = [[0.0, -0.0, np.nan, np.nan, 1.0], [-0.0, 0.0, 1.0, -1.0, np.nan]]
+ENDS = [[1.5, -1.5, 2.0, 0.5, 1.0], [1.5, 1.5, -2.0, np.inf, 0.5]]
 
 
-def test_all_other_operations_are_those_of_python():
-    columns = np.concatenate(
-        [
-            some.normal(0.0, 2.0, (2, 50)),
-            [[1.5, -1.5, 2.0, 0.5, 1.0], [1.5, 1.5, -2.0, np.inf, 0.5]],
-        ],
-        axis=1,
-    )
-    plain = np.array([Others(*map(float, column)).values() for column in columns.T]).T
-    assert evaluate(Others, 20, columns).tobytes() == plain.astype(float).tobytes()
+@pytest.mark.parametrize(
+    ("formula", "count", "more"), [(Choices, 7, ZEROS_AND_NAN), (Others, 20, ENDS)]
+)
+def test_operations_are_those_of_python(formula, count, more):
+    columns = np.concatenate([some.normal(0.0, 2.0, (2, 50)), more], axis=1)
+    plain = np.array([formula(*map(float, column)).values() for column in columns.T]).T
+    assert evaluate(formula, count, columns).tobytes() == plain.astype(float).tobytes()
+
+
+def test_nan_is_neither_ordered_nor_equal():
     found = evaluate(Others, 20, np.array([[np.nan, 1.0], [1.0, np.nan]]))
     assert found[6].tolist() == [0.0, 1.0]
-    assert not found[[7, 8, 10]].any()  # neither ordered nor equal
+    assert not found[[7, 8, 10]].any()
     assert found[9].tolist() == [1.0, 1.0]
 
 
 def test_functions_of_analysis():
     x, y = some.uniform(-3.0, 3.0, 400), np.exp(some.uniform(-20.0, 20.0, 400))
     found, worst = evaluate(Functions, 18, np.array([x, y])), np.zeros(18)
-    true = (
-        lambda x, y: mp.sin(x), lambda x, y: mp.cos(x), lambda x, y: mp.tan(x), lambda x,
-        y: mp.atan(x), lambda x, y: mp.asin(x / 4),
-        lambda x, y: mp.acos(x / 4), lambda x, y: mp.exp(x), lambda x, y: mp.expm1(x), lambda x,
-        y: mp.log(y), lambda x, y: mp.tanh(x),
-        lambda x, y: mp.sinh(x), lambda x, y: mp.cosh(x), lambda x, y: mp.atan2(x, y), lambda x,
-        y: mp.power(y, x), lambda x, y: mp.hypot(x, y),
-        lambda x, y: x**3, lambda x, y: y**-2, lambda x, y: mp.sqrt(y),
-    )  # fmt: skip
     with mp.workdps(40):
         for e in range(400):
             one, two = mp.mpf(float(x[e])), mp.mpf(float(y[e]))
-            for i, f in enumerate(true):
-                exact = f(one, two)
-                worst[i] = max(
-                    worst[i],
-                    abs(
-                        float(
-                            (mp.mpf(float(found[i, e])) - exact)
-                            / (exact if i > 2 else max(abs(exact), 1))
-                        )
-                    ),
-                )
+            true = (
+                mp.sin(one), mp.cos(one), mp.tan(one), mp.atan(one), mp.asin(one / 4),
+                mp.acos(one / 4), mp.exp(one), mp.expm1(one), mp.log(two), mp.tanh(one),
+                mp.sinh(one), mp.cosh(one), mp.atan2(one, two), mp.power(two, one),
+                mp.hypot(one, two), one**3, two**-2, mp.sqrt(two),
+            )  # fmt: skip
+            for i, exact in enumerate(true):
+                size = exact if i > 2 else max(abs(exact), 1)
+                worst[i] = max(worst[i], abs(float((mp.mpf(float(found[i, e])) - exact) / size)))
     assert worst[[0, 1, 2, 3, 4, 5, 6, 8]].max() < 6e-16, worst  # measured 2.9e-16
     assert worst[[9, 10, 11, 12, 14, 15, 16, 17]].max() < 2e-15, worst  # measured 8.8e-16, of sinh
     assert worst[7] < 9e-15, worst  # measured 1.7e-15, of expm1 at 3
@@ -205,12 +158,8 @@ def test_functions_of_analysis():
 
 
 def test_functions_at_the_ends_of_their_range():
-    ends = np.array(
-        [
-            [np.nan, np.inf, -np.inf, 0.0, -745.0, 709.7, 711.0],
-            [np.nan, np.inf, -1.0, 0.0, 5e-324, 1.0, 1e-310],
-        ]
-    )
+    x = np.nan, np.inf, -np.inf, 0.0, -745.0, 709.7, 711.0
+    ends = np.array([x, (np.nan, np.inf, -1.0, 0.0, 5e-324, 1.0, 1e-310)])
     found = evaluate(Functions, 18, ends)
     with np.errstate(all="ignore"):
         assert np.allclose(found[6], np.exp(ends[0]), rtol=1e-15, atol=0.0, equal_nan=True)

@@ -38,12 +38,8 @@ def weight(g, body, q):
 
 def spun_up(change, share, h, body, torque):
     """change + share h dw/dt by a torque."""
-    x, y, z = rk4.quarters(body, h)
-    return (
-        change[0] + (share * h * x) * torque[0],
-        change[1] + (share * h * y) * torque[1],
-        change[2] + (share * h * z) * torque[2],
-    )
+    (x, y, z), (a, b, c), (d, e, f) = rk4.quarters(body, h), change, torque
+    return a + (share * h * x) * d, b + (share * h * y) * e, c + (share * h * z) * f
 
 
 for _function in (weight, spun_up):
@@ -56,12 +52,8 @@ def without_effects(instead=r"\5"):
     Its source has every `add_push(..., t, h, share, q, w, x)` replaced by x, or by a torque.
     """
     source = textwrap.dedent(inspect.getsource(ScaledRK4.step))
-    free, count = re.subn(
-        r"add_push\(effects, body, ([^,]+), h, ([^,]+), ([^,]+), ([^,]+), (.*)\)$",
-        instead,
-        source,
-        flags=re.M,
-    )
+    call = r"add_push\(effects, body, ([^,]+), h, ([^,]+), ([^,]+), ([^,]+), (.*)\)$"
+    free, count = re.subn(call, instead, source, flags=re.M)
     assert count == 4
     space = {**vars(rk4), "weight": weight, "spun_up": spun_up}
     exec(free, space)
@@ -134,12 +126,6 @@ def code():
     return counts(name for name in (*CASES, *BROKEN) if name not in RARE)
 
 
-@pytest.fixture(scope="module")
-def rare():
-    """Counts for the rare cases."""
-    return counts(RARE)
-
-
 @pytest.mark.parametrize("name", [name for name in CASES if name not in RARE])
 def test_the_step_is_packed_arithmetic_on_the_widest_registers(code, name):
     is_packed(code[name])
@@ -147,8 +133,8 @@ def test_the_step_is_packed_arithmetic_on_the_widest_registers(code, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RARE)
-def test_the_step_of_rare_kernels_is_packed_too(rare, name):
-    is_packed(rare[name])
+def test_the_step_of_rare_kernels_is_packed_too(name):
+    is_packed(counts([name])[name])
 
 
 def is_packed(found):
@@ -209,12 +195,8 @@ def test_the_reader_detects_bad_code():
         "f:\n\tvmulpd\t%ymm0, %ymm1, %ymm2\n\tvaddsd\t%xmm0, %xmm1, %xmm2\n"
         "\tmovabsq\t$sin, %rax\n\tcallq\t*%rax\n"
     )
-    assert [m and m.groups() for m in map(ARITHMETIC.match, blocks_of(bad)[1])] == [
-        ("mul", "p", "d"),
-        ("add", "s", "d"),
-        None,
-        None,
-    ]
+    found = [m and m.groups() for m in map(ARITHMETIC.match, blocks_of(bad)[1])]
+    assert found == [("mul", "p", "d"), ("add", "s", "d"), None, None]
     assert LIBM.search(bad)
     assert STORE.match("vmovupd\t%zmm15, 1472(%rbp)")
     assert not STORE.match("vmovupd\t%zmm15, 160(%rsp)")
