@@ -31,7 +31,6 @@ COUNTED = {
 
 
 def run(quick):
-    """Return all rows of the bench."""
     rows = []
     for body, effects in EFFECTS.items():
         study = accuracy(scene(effects), tolerances=TARGETS, members=128 if quick else MEMBERS)
@@ -127,7 +126,6 @@ def _plain(value):
 
 
 def report(rows):
-    """Print the results."""
     for r in harness.of_kind(rows, "truth"):
         print(f"{r['body']}: reference {r['truth']}, known to {r['error']:.1e}")
     harness.show(

@@ -42,7 +42,6 @@ def tops(save, is_turned):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     warnings.simplefilter("ignore", rm.SceneWarning)
     cpu, candidates = {}, {}
     for name, save in WATCHED.items():
@@ -65,7 +64,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print the table."""
     times = "principal axes [ns] {plain_ns:.1f} | other axes add [ns] {turned_ns:.1f}"
     columns = f" {{what}} | of a {{of}} | {times}"
     harness.show("a member-step with its save or monitor, one thread", rows, columns)

@@ -80,7 +80,6 @@ def costs(rounds):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     members, cost = 100_000 if quick else 1_000_000, list(costs(5 if quick else 15))
     rows = [
         {"kind": "moment", "dt": dt, "what": w, "theory": t, "mean": m, "error": e}
@@ -114,7 +113,6 @@ def sigmas(row):
 
 
 def report(rows):
-    """Print the tables."""
     moments = harness.of_kind(rows, "moment")
     harness.show(
         f"dt = {STEPS[-1]:g}",

@@ -80,7 +80,6 @@ def whole(members, folder):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     sizes = [n // 10 for n in MEMBERS] if quick else MEMBERS
     kernel, totals = rates(sizes[0], 1 if quick else ROUNDS)
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
@@ -96,7 +95,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print what was measured."""
     for row in harness.of_kind(rows, "whole"):
         speed = row["members"] / row["seconds"]
         print(

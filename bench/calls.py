@@ -77,7 +77,6 @@ def results(prepared):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     rows, count = [], 20 if quick else 1000
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rm.SceneWarning)
@@ -95,7 +94,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print the results."""
     columns = " {what} | scene {scene} | ms {ms:.2f} | in steps {steps_ms:.2f}"
     harness.show("least of 1,000 calls on one thread", harness.of_kind(rows, "call"), columns)
     harness.report_targets(rows)

@@ -46,7 +46,6 @@ def shifted(pool, seed=0):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     ensemble, pool, rows = tops.random_tops(MEMBERS), tops.pool(threads_available()), []
     shift = shifted(pool)
     for name, effects, attitude in CASES:
@@ -107,7 +106,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print the tables."""
     columns = "tops {what} | CPU seconds {cpu_percent:+.2f} % | wall {wall_percent:+.2f} %"
     costs = harness.of_kind(rows, "cost")
     harness.show("health checks, with against without", costs, columns)

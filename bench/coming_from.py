@@ -77,7 +77,6 @@ class Code:
 
 
 def run(quick, python=sys.executable):
-    """All rows of the bench."""
     rows = [{"kind": "load", "before": os.getloadavg()[0], "busy": os.getloadavg()[0] > BUSY}]
     for name in PAIRS:
         rows += rows_of(name, quick, python)
@@ -211,7 +210,6 @@ def hyperion():
 
 
 def report(rows):
-    """Print what was measured."""
     for row in rows:
         if row["kind"] == "load" and row["busy"]:
             print(f"load average {row['before']:.1f}: other processes disturbed the times")

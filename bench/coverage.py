@@ -253,7 +253,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print the tables."""
     harness.show(
         "intervals of 95 %",
         harness.of_kind(rows, "coverage"),

@@ -283,7 +283,6 @@ def called(count):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     rounds, rows = 3 if quick else 9, []
     for (name, kind), cases in COSTS.items():
         rows += costs(name, kind, cases, rounds)
@@ -293,7 +292,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print the results."""
     for kind, title, columns in (
         ("cost", "time of a run with derivatives, in plain runs",
          "run {name} | plain runs {ratio:.2f}"),

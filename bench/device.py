@@ -286,7 +286,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print the results."""
     kinds = {}
     for row in rows:
         kinds.setdefault(row["kind"], []).append(row)

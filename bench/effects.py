@@ -126,7 +126,6 @@ def fingerprint():
 
 
 def run(quick):
-    """Return all rows of the bench."""
     rows = added(quick)
     every, one = told(""), told("gravity")
     rows += [
@@ -213,7 +212,6 @@ def against(row, what):
 
 
 def report(rows):
-    """Print the tables."""
     added = harness.of_kind(rows, "added")
     harness.show(
         "added to a step of rk4 with attitude ({base_ns:.2f} ns of CPU time, {base_slots}"

@@ -334,7 +334,6 @@ def speed_rows(rounds):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     with ProcessPoolExecutor(threads_available(), mp_context=get_context("spawn")) as pool:
         rows = free_rows(300 if quick else BODIES, pool) + heavy_rows(100 if quick else TOPS, pool)
     rows += elliptic_rows(50 if quick else 400) + speed_rows(3 if quick else 9)
@@ -374,7 +373,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print what was measured."""
     harness.show(
         "worst errors against 50 digits; c is the conditioning",
         harness.of_kind(rows, "class"),

@@ -144,7 +144,6 @@ def inspected(what, name, scene, watched, capability, wrt=()):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     rows = []
     for what, scene in scenes(quick).items():
         for name in integrators_for(scene.effects):
@@ -167,7 +166,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print the results."""
     blank = dict.fromkeys(TOLD, "")
     found = [blank | r for r in harness.of_kind(rows, "ptx") if r["capability"] == "sm_90"]
     harness.show(

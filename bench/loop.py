@@ -96,7 +96,6 @@ def loosest(make, many, true, limit):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     many = tops.random_tops(MEMBERS)
     scene, rows = scene_of(many), []
     accurate, taken = scene.with_run(integrator="rk8", turn=0.1), []
@@ -134,7 +133,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print what was measured."""
     for row in rows:
         if row["kind"] == "truth":
             print(f"truth {row['source']}, which differs from DOP853 by {row['error']:.1e}")

@@ -126,7 +126,6 @@ def fill(members):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     rows = []
     with tempfile.TemporaryDirectory(prefix="rigidmc-maps-") as folder:
         for name in MAPS:
@@ -194,7 +193,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print the tables."""
     harness.show(
         "maps",
         harness.of_kind(rows, "map"),

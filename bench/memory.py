@@ -58,7 +58,6 @@ def peak(command, folder):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     members, t_end = (200_000, 1.0) if quick else (MEMBERS, 10.0)
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
 
@@ -86,5 +85,4 @@ def run(quick):
 
 
 def report(rows):
-    """Print what was measured."""
     harness.report_targets(rows)

@@ -109,7 +109,6 @@ def plain(study, width, most=None):
 
 
 def measured(quick):
-    """Return all rows of the bench."""
     warnings.simplefilter("ignore", SceneWarning)
     by_levels(1e-2)  # compiles
     rows = []
@@ -151,7 +150,6 @@ def measured(quick):
 
 
 def show(rows):
-    """Print the tables."""
     harness.show(
         "mean of omega_1 after 10 s",
         [row for row in rows if row["kind"] in ("levels", "plain")],

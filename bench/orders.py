@@ -185,7 +185,6 @@ def steps_needed(problem, step):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     problem, rows = Problem(), []
     for name, (step, cost) in methods().items():
         if quick and name not in ("rk8", "gbs12"):
@@ -202,7 +201,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print the results."""
     some = [r for r in rows if r["kind"] == "order"]
     each = {(r["name"], r["limit"]): r for r in some}
     lines = [

@@ -86,7 +86,6 @@ def ensemble(kind):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     rows: list[dict] = []
     for kind, limits in (("heavy", LIMITS), ("free", (1e-9,))):
         many = ensemble(kind)
@@ -676,7 +675,6 @@ def targets(kind, seconds):
 
 
 def report(rows):
-    """Print what was measured."""
     for r in rows:
         if r["kind"] == "note":
             print(f"{r['name']}: {r['note']}")

@@ -158,14 +158,12 @@ def rare_targets(rows):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     warnings.simplefilter("ignore", rm.SceneWarning)
     rare = rare_rows(quick)
     return [*rare, *rare_targets(rare), *shares.measured(quick), *multilevel.measured(quick)]
 
 
 def report(rows):
-    """Print the tables."""
     harness.show(
         "rare events",
         harness.of_kind(rows, "rare"),

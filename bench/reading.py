@@ -65,7 +65,6 @@ def make(path, shards):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     shards = 200 if quick else SHARDS
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
         path, times = os.path.join(folder, "run"), os.path.join(folder, "times")
@@ -97,5 +96,4 @@ def _status(path):
 
 
 def report(rows):
-    """Print what was measured."""
     harness.report_targets(rows)

@@ -160,7 +160,6 @@ def scheduler(folder, shards):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     sizes = (100_000, 200_000) if quick else MEMBERS
     rows: list[dict] = []
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
@@ -226,7 +225,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print what was measured."""
     for row in harness.of_kind(rows, "peak"):
         speed, written = row["members"] / row["seconds"], row["bytes"] / 1e9
         print(

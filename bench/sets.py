@@ -105,7 +105,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print the tables."""
     sets = harness.of_kind(rows, "set")
     parts = [
         {"word": word, "rows": [r for r in sets if len(r["effects"]) in sizes]}

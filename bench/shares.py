@@ -89,7 +89,6 @@ def needed(found, truth):
 
 
 def measured(quick):
-    """Return all rows of this part."""
     studies, draws = 40 if quick else STUDIES, np.random.default_rng(1)
     truth = np.concatenate([SHARES, SHARES])
     ours, bare = (needed(found, truth) for found in designed_indices(studies))
@@ -123,8 +122,6 @@ def measured(quick):
 
 
 def show(rows):
-    """Print the table."""
-
     def text(count):
         return "" if count is None else f"{count:,.0f}"
 

@@ -136,7 +136,6 @@ def call(name):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     times: dict[str, list[float]] = {what: [] for what in (*COMMANDS, *SCRIPTS, *CALLS)}
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
         caches = (os.path.join(folder, f"cache{i}") for i in itertools.count())
@@ -167,5 +166,4 @@ def run(quick):
 
 
 def report(rows):
-    """Print what was measured."""
     harness.report_targets(rows)

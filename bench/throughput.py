@@ -25,10 +25,9 @@ OTHER_METHOD = {
 
 
 def run(quick):
-    """Return all rows of the bench."""
     ensemble, notes = tops.random_tops(candidates.MEMBERS), {}
     field = candidates.kernels(ensemble) | candidates.compiled(ensemble, notes)
-    field |= candidates.numba(ensemble) | candidates.simulate(ensemble, notes)
+    field |= candidates.numba(ensemble) | candidates.simulate(ensemble)
     rows = [{"kind": "note", "name": name, "note": note} for name, note in notes.items()]
     first, ends = {}, {}
     for name, candidate in field.items():
@@ -193,7 +192,6 @@ def targets(seconds, cpu, field, cores):
 
 
 def report(rows):
-    """Print what was measured."""
     for row in harness.of_kind(rows, "note"):
         print(f"{row['name']}: {row['note']}")
     harness.show(

@@ -26,7 +26,6 @@ FIRST, JUDGED, MANY = (20_000, 1000, 100_000)
 
 
 def run(quick):
-    """Return all rows of the bench."""
     rows = []
     for name in ("heavy_top", "nasa_brick") if quick else shipped_names():
         for tolerance in TOLERANCES:
@@ -168,7 +167,6 @@ def study_errors(name):
 
 
 def report(rows):
-    """Print what was measured."""
     kept = [
         {"p99": None, "worst": None, "chosen": r.get("why", "")[:100], **r}
         for r in harness.of_kind(rows, "kept")

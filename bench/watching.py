@@ -32,7 +32,6 @@ ASKED = {("rk8", 1.6): 15.0, ("rk4", 0.3): 20.0}  # percent of a step, for one q
 
 
 def run(quick):
-    """Return all rows of the bench."""
     warnings.simplefilter("ignore", rm.SceneWarning)  # long steps, on purpose
     members, rounds = (40, 3) if quick else (400, 15)
     rows = list(errors(members))
@@ -103,7 +102,6 @@ def targets(rows):
 
 
 def report(rows):
-    """Print the tables."""
     harness.show(
         "against steps of 1 ms by rk8, the worst top",
         harness.of_kind(rows, "error"),

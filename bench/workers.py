@@ -237,7 +237,6 @@ def targets(rows):
 
 
 def run(quick):
-    """Return all rows of the bench."""
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
         few = 200 if quick else 10_000
         rows = [simulate(folder, "many", few, 10 if quick else 100)]
@@ -252,7 +251,6 @@ def run(quick):
 
 
 def report(rows):
-    """Print what was measured."""
     harness.show(
         "stubs on a simulated cluster; ms of CPU a task",
         [row for row in rows if row["kind"] != "target"],

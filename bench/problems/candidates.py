@@ -148,13 +148,10 @@ def numba(ensemble):
     }
 
 
-def simulate(ensemble, notes):
+def simulate(ensemble):
     """Return the whole call, from scene to Dataset. It saves the attitude, which is then integrated
     as in the kernels above.
     """
-    if not hasattr(rigidmc, "simulate"):
-        notes["simulate"] = "left out: rigidmc.simulate does not exist yet"
-        return {}
     body = rigidmc.Body.from_moments(
         ensemble.moments.T.copy(), mass=1.0, centre=ensemble.static.T.copy()
     )
