@@ -1,10 +1,10 @@
 """Wall-clock seconds until something runs, from the shell and by the first `simulate()`.
 
-Each first `simulate()` uses another capability, in a fresh process with an empty disk cache.
+Each first `simulate()` uses another capability, in a fresh process with an empty disk cache;
+`python -m bench calls` has calls of compiled code.
 """
 
 import itertools
-import json
 import os
 import subprocess
 import sys
@@ -49,10 +49,7 @@ CALLS = {
         [("rk4", HEAVY, (*WATCHED, "flips")), ("rk4", HEAVY, (*WATCHED, "passage"))],
         1.0,
     ),
-    "second simulate of 64 members": ([("rk4", HEAVY, WATCHED)] * 101, 1.5e-3),
-    "second simulate of 64 members, of a new scene": ([("rk4", HEAVY, WATCHED)] * 101, 5.0e-3),
 }
-NEW_SCENES = {"second simulate of 64 members, of a new scene"}  # each call has its own scene
 
 
 def command(text="", *more):
@@ -90,16 +87,13 @@ def ran(words, folder, cache):
 
 
 def call(name):
-    """Print, in a separate process, the seconds of the last of some calls of `simulate`, or the
-    median of the later half if there are many.
-    """
+    """Print, in a separate process, the seconds of the last of some calls of `simulate`."""
     import rigidmc as rm
     from rigidmc.physics.effects import EFFECTS
     from rigidmc.physics.effects.protocol import from_numbers, is_random, user_parameters
 
     body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
     start = rm.Start(omega=(0.5, 0.7, rm.normal(0.5, 0.1)), attitude=(1.0, 0.0, 0.0, 0.0))
-    taken, scene = [], None
     for integrator, names, save in CALLS[name][0]:
         wanted = (
             [
@@ -120,8 +114,7 @@ def call(name):
             for word in wanted
         )
         events = {"flips": rm.Flips(2), "passage": rm.Passage(3, 0.5)}
-        if scene is None or scene.effects != effects or name in NEW_SCENES:
-            scene = rm.Scene(body, effects, start)
+        scene = rm.Scene(body, effects, start)
         began = time.perf_counter()
         rm.simulate(
             scene,
@@ -131,8 +124,8 @@ def call(name):
             members=64,
             save=tuple(events.get(word, word) for word in save),
         )
-        taken.append(time.perf_counter() - began)
-    print(json.dumps(harness.median(taken[len(taken) // 2 :]) if len(taken) > 2 else taken[-1]))
+        taken = time.perf_counter() - began
+    print(taken)
 
 
 def run(quick):
