@@ -15,6 +15,7 @@ from rigidmc.physics.effects import label_effects
 from rigidmc.physics.effects.protocol import facts, shape
 from rigidmc.planning.orbit_start import relative_to_orbit
 from rigidmc.results.labels import units_text
+from rigidmc.scene.body_parameters import POSITIVE
 from rigidmc.scene.model import Model
 from rigidmc.scene.parameter import Parameter
 from rigidmc.scene.parameters import parameters_of
@@ -125,7 +126,8 @@ def _between(slider: Slider, low: float, high: float) -> Slider:
     least, most = slider.parameter.limits
     for end in (low, high):
         if not least <= end <= most:
-            rule = "above 0" if 0.0 < least < 1e-300 else f"between {least:g} and {most:g}"
+            above_zero = least == POSITIVE[0]
+            rule = "above 0" if above_zero else f"between {least:g} and {most:g}"
             raise OptionError(f"must be {rule}", at=f"slider.{slider.name}", value=end)
         if slider.kind == "angle" and abs(end) > 2.0 * math.pi:
             rule = f"is more than a turn: in degrees, write {end:g}deg"
