@@ -150,7 +150,7 @@ def _lines() -> Show:
         now = time.perf_counter()
         if now - last > _LINE_SECONDS:
             last = now
-            left = (now - began) * (total - done) / max(1, done)
-            _print(f"{100 * done / total:.0f} % done, {left:.0f} s left")
+            left = f", {(now - began) * (total - done) / done:.0f} s left" if done else ""
+            _print(f"{100 * done / total:.0f} % done{left}")
 
     return show

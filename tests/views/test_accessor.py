@@ -1,5 +1,7 @@
 """Questions to a result: ds.rigid, rigidmc summary, rigidmc animate."""
 
+import re
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -7,6 +9,7 @@ import xarray as xr
 import rigidmc as rm
 from rigidmc.mechanics.free_top import analyse_free_top
 from rigidmc.mechanics.rotation import from_euler
+from rigidmc.processes import progress
 from rigidmc.views import PICTURES
 from tests.tools.commands import invoke
 
@@ -112,6 +115,16 @@ def test_even_points_give_no_interval():
     assert "equal to the bit" in ds.rigid.rerun(7).attrs["rerun"]
 
 
+def test_lines_of_progress_promise_no_time_before_the_first_result(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "_LINE_SECONDS", -1.0)
+    show = progress._lines()
+    show(0, 4)
+    show(1, 4)
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == "0 % done"
+    assert re.fullmatch(r"25 % done, \d+ s left", second)
+
+
 def test_an_animation(result, tmp_path, monkeypatch):
     from PIL import Image
 
@@ -119,7 +132,9 @@ def test_an_animation(result, tmp_path, monkeypatch):
     path = tmp_path / "top.gif"
     done = invoke("animate", result, "--member", "7", "-o", path, "--seconds", "0.5", "--fps", "10")
     assert done.exit_code == 0, done.output
-    assert "80 % done" in done.output  # a film takes half a minute: it must show progress
+    assert re.search(
+        r"80 % done, \d+ s left", done.output
+    )  # a film takes half a minute: it must show progress
     with Image.open(path) as picture:
         assert picture.n_frames == 5 and picture.size == (864, 450)
         picture.seek(0)
