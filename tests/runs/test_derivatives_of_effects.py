@@ -78,7 +78,10 @@ def test_the_change_of_a_symmetric_flow_if_its_moments_differ(axis):
             return np.concatenate(free_flow(body, ((),) * 6, (1 / 64,) * 64, h, l))
 
         true = sum(w * (flow(k * e) - flow(-k * e)) / e for k, w in AHEAD.items())
-        body = MassProperties.of(tuple(1.0 / inverse), (0.0, 0.0, 0.0))
+        rounded = inverse.copy()
+        if axis is not None:  # moments that are equal but for rounding keep the axis
+            rounded[one] *= 1.0 + some.uniform(-1e-15, 1e-15)
+        body = MassProperties.of(tuple(1.0 / rounded), (0.0, 0.0, 0.0))
         turn, change = symmetric_flow(body, h, l)
         _, eta = turn_by_asymmetry(body, h, l)
         # the code of the flow has 1/C - 1/A with A the moment of `one`, which changes by -d

@@ -333,7 +333,10 @@ def test_a_matrix_that_drives_some_spin_is_refused():
 
     words = r"matrix: \(.*\) drives some rotations, which needs anti_damping = true"
     ones = 1.0, 1.0, 1.0
-    for matrix in ((*ones, 0, 0, 1.5), (-1e-6, 1.0, 1.0, 0, 0, 0), (*ones, 0.9, -0.9, 0.9)):
+    for matrix in (
+        (1, 1, 0, 0, 0, 1.5), (0, 1, 1, 1.5, 0, 0), (1, 0, 1, 0, 1.5, 0),  # by one minor each
+        (-1e-6, 1.0, 1.0, 0, 0, 0), (*ones, 0.9, -0.9, 0.9),
+    ):  # fmt: skip
         assert np.linalg.eigvalsh(symmetric(matrix))[0] < 0.0
         with pytest.raises(rm.SceneError, match=words):
             checked(matrix)
