@@ -287,8 +287,7 @@ def nearest(word: object, words: Iterable[object]) -> str | None:
     if found := next(chain(ending(str(word).lower()), same, *map(ending, names)), None):
         return found
     # similarity: "foo" and "book" 0.57, "sphere" and "shell" 0.55
-    close = difflib.get_close_matches(str(word).lower(), spelled, n=1, cutoff=0.6)
-    if close:
+    if close := difflib.get_close_matches(str(word).lower(), spelled, n=1, cutoff=0.6):
         return spelled[close[0]]
     parts = {
         part: key for key in reversed(spelled) for part in key.split(".")[1:] if not part.isdigit()

@@ -174,7 +174,7 @@ def choose_units(scene: Scene) -> UnitScale | None:
         return None
     moments, mass, centre = (x[..., 0] for x in scene.body.sample(scene.run.seed, 0, 1))
     inertia = _exponent(np.max(moments))
-    exponents = _spin_exponents(scene, moments, make_sampler(scene.model, scene.run))
+    exponents = _spin_exponents(scene.model, moments, make_sampler(scene.model, scene.run))
     arm = np.max(np.abs(centre))
     for effect in scene.effects if arm > 0.0 else ():
         if name_of(effect) == "gravity" and not (is_shared(effect.g) and effect.g == 0.0):
@@ -188,19 +188,18 @@ def choose_units(scene: Scene) -> UnitScale | None:
     return UnitScale(_power(-inertia), _power(rate))
 
 
-def _spin_exponents(scene: Scene, moments: Any, sampler: Source) -> list[int]:
+def _spin_exponents(model: Model, moments: Any, sampler: Source) -> list[int]:
     """Return the exponents of the non-zero components of the first member's omega [rad/s]."""
-    word = "omega" if scene.start.momentum is None else "momentum"
-    joint = isinstance(getattr(scene.start, word), VectorDistribution)
-    if joint or word in scene.start.relative_to_orbit:  # it may depend on the energy or the orbit
-        _, start = initial_block(scene.model, sampler, 0, 1)
+    word = model.start.spin_name
+    joint = isinstance(getattr(model.start, word), VectorDistribution)
+    if joint or word in model.start.relative_to_orbit:  # it may depend on the energy or the orbit
+        _, start = initial_block(model, sampler, 0, 1)
         spin = start[f"start_{word}"]
     else:
-        _, spin = scene.start.sample_spin(sampler, 0, 1, None)
-    spin = np.nan_to_num(spin)
+        _, spin = model.start.sample_spin(sampler, 0, 1, None)
     return [
         _exponent(x) - (_exponent(i) if word == "momentum" else 0)
-        for x, i in zip(spin[:, 0], moments, strict=True)
+        for x, i in zip(np.nan_to_num(spin)[:, 0], moments, strict=True)
         if x != 0.0
     ]
 

@@ -218,11 +218,11 @@ def stack():
 def test_sides_have_units():
     """An end in text, and a unit beside the upper end alone, which is the unit of both."""
     x, y = ("start.omega.1", 0.0, "90 deg/s"), read_side("start.omega.2=1:10rpm:log", "y")
-    asked = make_request(x, y, OF[:1], 2, 1, scene=STILL)
+    asked = make_request(x, y, OF[:1], 2, 1, model=STILL.model)
     assert asked.x == ("start.omega.1", 0.0, pytest.approx(np.pi / 2.0, rel=4e-16), False)
     assert asked.y[1:3] == pytest.approx((np.pi / 30.0, np.pi / 3.0), rel=4e-16) and asked.y[3]
     with pytest.raises(OptionError, match="mm is a length"):
-        make_request(("start.omega.1", 0.0, "1 mm"), y, OF[:1], 2, 1, scene=STILL)
+        make_request(("start.omega.1", 0.0, "1 mm"), y, OF[:1], 2, 1, model=STILL.model)
 
 
 def test_a_layer_is_the_map_of_its_value(stack):

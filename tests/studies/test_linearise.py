@@ -267,7 +267,7 @@ def test_torques_of_a_potential_and_no_others_are_hamiltonian():
         ((rm.Gravity(G), rm.ViscousDamping(1e-9)), False),
         ((rm.QuadraticDrag(0.5),), False),
     ):
-        known, *_ = system.mechanics_of(rm.Scene(body, effects, start), 0)
+        known, *_ = system.mechanics_of(rm.Scene(body, effects, start).model, rm.Run(), 0)
         assert find_symmetries(known).is_hamiltonian == is_hamiltonian
 
 
@@ -281,7 +281,7 @@ def test_sphere_and_rest_have_nothing_but_symmetries():
 
 def test_eigenvectors_belong_to_their_eigenvalues():
     scene = top((1.0, 1.5, 0.8), (0.2, 0.1, 0.3), omega=(0.5, 1.0, 8.0), attitude=(0.3, 0.5, 0.2))
-    problem = Problem.of(scene, 0)
+    problem = Problem.of(scene.model, scene.run)
     motion = problem.solved(problem.starts(1))[0]
     j = jacobians(motion.system, motion.state)[0]
     own = motion.linear.origins.count("motion")
@@ -374,7 +374,7 @@ def test_newton_converges_quadratically_and_a_broken_jacobian_does_not(monkeypat
     monkeypatch.setattr(steady, "MOST", 12)
 
     def left():
-        problem = Problem.of(scene, 0)
+        problem = Problem.of(scene.model, scene.run)
         return steady.solve(problem.system, problem.starts(1), problem.held)[1][0]
 
     assert left() < 1e-14  # measured 2e-16

@@ -12,8 +12,8 @@ from typing import Any, Self, dataclass_transform, get_args, get_type_hints
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.inputs.amounts import read_count, read_seconds, words_of
 from rigidmc.inputs.measured import as_measured, in_units, quantity_text
+from rigidmc.scene.model import Model
 from rigidmc.scene.parameters import parameters_of, settable
-from rigidmc.scene.scene import Scene
 
 REQUIRED: Any = inspect.Parameter.empty  # default of an option that must be given
 # types of an option: given several times; a list of names such as rk4,rk8, or of named objects;
@@ -228,14 +228,14 @@ def read_side(value: Any, at: str) -> Any:
     return name.strip(), low, high, len(parts) == 3
 
 
-def whole_side(key: str, side: Side, scene: Scene | None) -> Whole:
+def whole_side(key: str, side: Side, model: Model | None) -> Whole:
     """Return a side with all entries, its ends in SI units; OptionError."""
     if isinstance(side, str) or len(side) not in (3, 4) or not isinstance(side[0], str):
         rule = "expected (parameter, low, high) or (parameter, low, high, True)"
         example = 'such as ("body.moments.1", 0.1, 0.9)'
         raise OptionError(f"{rule}, {example}", at=key, value=side)
     name, low, high, *log = side
-    known = {} if scene is None else settable(parameters_of(scene.model))
+    known = {} if model is None else settable(parameters_of(model))
     if name in known:
         try:
             low, high = (in_units(end, known[name].unit, key) for end in (low, high))

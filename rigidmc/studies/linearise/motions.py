@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.inputs.arrays import Array, Bools
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.model import Model
+from rigidmc.scene.settings import Run
 from rigidmc.studies.linearise import steady
 from rigidmc.studies.linearise.stability import MOTION, Linearised, linearise_motions
 from rigidmc.studies.linearise.steady import SOLVED, States
@@ -70,15 +71,15 @@ class Problem(NamedTuple):
     held: Array
 
     @staticmethod
-    def of(scene: Scene, member: int) -> "Problem":
-        """Return the Problem of a member; SceneError for a scene without steady motions."""
-        mechanics, q, l = mechanics_of(scene, member)
+    def of(model: Model, run: Run) -> "Problem":
+        """Return the Problem of the first member; SceneError for a model without steady motions."""
+        mechanics, q, l = mechanics_of(model, run, run.first)
         system = find_symmetries(mechanics)
         if not len(system.central) and not system.conserves_size:
             # the momentum of the start then does not matter, but would spoil the scales of a slow
             # orbit: of a body that turns 1000 times an orbit, one start in seven finds a motion
             turning = mechanics.rate * float(np.sqrt((system.frame**2).sum()))
-            mechanics, q, l = mechanics_of(scene, member, turning)
+            mechanics, q, l = mechanics_of(model, run, run.first, turning)
             system = find_symmetries(mechanics)
         return Problem(system, q, l, steady.held_momenta(system, q[:, None], l[:, None]))
 

@@ -146,7 +146,7 @@ def linearise_scene(
     if options.along is not None:
         tell = progress if callable(progress) else lambda line: say(f"  {line}")
         return _along(scene, options.along, options, tell if progress else lambda line: None)
-    problem = Problem.of(scene, scene.run.first)
+    problem = Problem.of(scene.model, scene.run)
     motions = problem.search(options.starts)
     if not motions:
         rule = (
@@ -162,12 +162,11 @@ def _along(
     scene: Scene, side: Side, options: LineariseOptions, tell: Callable[[str], None]
 ) -> xr.Dataset:
     """Return the Dataset of motions along a parameter."""
-    name, low, high, log = whole_side("along", side, scene)
+    name, low, high, log = whole_side("along", side, scene.model)
     grid = _values(name, low, high, log, options.points)
 
     def problem_at(value: float) -> Problem:
-        model = with_parameters(scene.model, {name: value}, "along")
-        return Problem.of(scene.with_model(model), scene.run.first)
+        return Problem.of(with_parameters(scene.model, {name: value}, "along"), scene.run)
 
     def count(done: int) -> None:
         if done % 16 == 0 or done == len(grid):

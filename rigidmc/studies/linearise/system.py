@@ -37,7 +37,8 @@ from rigidmc.physics.effects.rotor import Rotor
 from rigidmc.physics.effects.sums import add_slip, total_energy, total_energy_scale, total_torque
 from rigidmc.planning.initial import members_at_start
 from rigidmc.planning.steps import physics
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.model import Model
+from rigidmc.scene.settings import Run
 from rigidmc.scene.vector_distributions.vectors import uniform_attitudes
 
 STATES = 12  # random states; 3 would determine the 7 numbers of a generator
@@ -83,15 +84,15 @@ class Rates(NamedTuple):
 
 
 def mechanics_of(
-    scene: Scene, member: int, turning: float | None = None
+    model: Model, run: Run, member: int, turning: float | None = None
 ) -> tuple[Mechanics, Array, Array]:
-    """Return (mechanics, q (4,), l (3,)) of a member of a scene at its start, l in scaled units.
+    """Return (mechanics, q (4,), l (3,)) of a member of a model at its start, l in scaled units.
 
     turning : rate of the steady motions [rad/s], if the start has another
     Raises SceneError for a body or start that is impossible.
     """
-    block, start = members_at_start(scene.model, scene.run, member, 1)
-    body, effects = physics(scene.effects, block)
+    block, start = members_at_start(model, run, member, 1)
+    body, effects = physics(model.effects, block)
     q, l = block[:4, 0], block[4:7, 0]
     inverse = np.array(body[:3])[:, 0]
     # of the middle axis: a thin axis turns fast, but carries no weight
@@ -107,7 +108,7 @@ def mechanics_of(
     rotors = [np.array(e.momentum)[:, 0] for e in effects if isinstance(e, Rotor)]
     wheel = sum(rotors, np.zeros(3)) / (moment * rate)
     axes = start["principal_axes"][:, 0] if "principal_axes" in start else np.eye(4)[0]
-    names = tuple(label for label, _ in label_effects(scene.effects))
+    names = tuple(label for label, _ in label_effects(model.effects))
     mechanics = Mechanics(body, effects, moment, rate, wheel, axes, names)
     return mechanics, q, l / mechanics.unit
 

@@ -44,7 +44,7 @@ Compute = Callable[[range | Ints, int, int], xr.Dataset]
 def replicas_of(scene: Scene, x: Side, y: Side) -> int:
     """Return REPLICAS if the members of a pixel differ, since a quantity or the attitude is random;
     else 1."""
-    pixel = make_request(x, y, "status", 1, 1, scene=scene).of_scene(scene)
+    pixel = make_request(x, y, "status", 1, 1, model=scene.model).of_scene(scene)
     drawn = any(isinstance(q, (Distribution, VectorDistribution)) for q in pixel.model.quantities())
     return REPLICAS if drawn or isinstance(pixel.start.attitude, str) else 1
 

@@ -11,6 +11,7 @@ from pydantic import TypeAdapter
 
 from rigidmc.errors import FileError, OptionError, RigidmcError
 from rigidmc.inputs.amounts import read_count
+from rigidmc.scene.model import Model
 from rigidmc.scene.parameters import with_parameters
 from rigidmc.scene.quantities import Grid, grid
 from rigidmc.scene.scene import Scene
@@ -98,25 +99,25 @@ def make_request(
     replicas: int,
     z: Side | None = None,
     layers: int | None = None,
-    scene: Scene | None = None,
+    model: Model | None = None,
     adaptive: bool | Borders = False,
     **more: Any,
 ) -> MapRequest:
     """Return the MapRequest from user input; OptionError for bad sides, measures and sizes.
 
-    scene : its parameters convert ends with a unit to SI
+    model : its parameters convert ends with a unit to SI
     adaptive : whether the map is adaptive; or its borders, in place of the default ones
     """
     texts = (of,) if isinstance(of, str) else tuple(of)
     if not texts or not all(isinstance(text, str) for text in texts):
         raise OptionError('expected measures, such as "p(flips >= 1)"', at="of", value=texts)
-    across, upwards = whole_side("x", x, scene), whole_side("y", y, scene)
+    across, upwards = whole_side("x", x, model), whole_side("y", y, model)
     if x[0] == y[0]:
         raise OptionError("is already the parameter of x", at="y", value=y[0])
     if z is None and layers is not None:
         raise OptionError("requires a third parameter: give z", at="layers", value=layers)
     if z is not None:
-        more["z"] = whole_side("z", z, scene)
+        more["z"] = whole_side("z", z, model)
         more["layers"] = read_count(LAYERS if layers is None else layers, "layers", 1, MOST_LAYERS)
         if z[0] in (x[0], y[0]):
             raise OptionError("is already the parameter of x or y", at="z", value=z[0])

@@ -167,7 +167,7 @@ class Maps(StudyWork):
             members = replicas_of(scene, x, y)
         sizes = options.resolution, members, options.z, options.layers
         more = {"confidence": options.confidence, "adaptive": options.adaptive}
-        request = make_request(x, y, options.of, *sizes, scene, **more)
+        request = make_request(x, y, options.of, *sizes, scene.model, **more)
         return prepare_map(request, scene, save=settings.get("save", ()))
 
     def compute(

@@ -34,7 +34,7 @@ from rigidmc.views.html_page import (
 )
 from rigidmc.views.live.engine import SAVED, doubles, engine_data, even_end, live_run
 from rigidmc.views.live.saving import saving_data, texts
-from rigidmc.views.live.sliders import Range, Slider, make_sliders, rows_of_effects
+from rigidmc.views.live.sliders import Asked, Range, Slider, make_sliders, rows_of_effects
 from rigidmc.views.surfaces import drawn_shape, ellipsoid_form, surface_of
 
 Source = Scene | str | PathLike[str]
@@ -110,9 +110,7 @@ def _count(members: int | None, most: int) -> int:
     return members
 
 
-def _several(
-    scenes: Mapping[str, Source], asked: Mapping[str, Range | None] | None, members: int | None
-) -> str:
+def _several(scenes: Mapping[str, Source], asked: Asked, members: int | None) -> str:
     """Return the page of several pages; OptionError without any."""
     if not scenes:
         raise OptionError("expected at least one scene, as {title: scene}", at="scene")
@@ -123,7 +121,7 @@ def _several(
     return fill_template(form, {"TITLE": title, "DATA": script_json(pages)})
 
 
-def _text(scene: Scene, asked: Mapping[str, Range | None] | None, count: int | None) -> str:
+def _text(scene: Scene, asked: Asked, count: int | None) -> str:
     members = _count(count, scene.run.members)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # of a run, which this is not
