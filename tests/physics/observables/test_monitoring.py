@@ -328,6 +328,9 @@ def test_histograms_are_streamed_and_those_of_the_members(tmp_path):
     both = rm.simulate(tumbling(), save=("omega", "energy", *of), output=str(tmp_path / "h.nc"))
     assert "omega" not in alone
     assert (alone.sizes["histogram_bin"], alone.sizes["histogram_2_bin"]) == (20, 7)
+    bins = alone.histogram_2_bin
+    assert np.abs(bins.values - (0.9 + (np.arange(7) + 0.5) / 35)).max() < 1e-15
+    assert abs(bins.attrs["width"] - 1 / 35) < 1e-15
     for i in range(5):
         values = both.omega.values[i, 1]
         counts, _ = np.histogram(values[values < 0.95], 20, (-1.0, 0.95))
