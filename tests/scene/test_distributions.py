@@ -141,8 +141,11 @@ def test_files_keep_them():
 
 def test_coarse_grids_span_the_same():
     body = rm.Body((rm.grid(0.5, 1.0, 300, 16), 1.0, rm.grid(1.0, 1.4, 200, 4800)))
-    scene = rm.Scene(body, start=rm.Start(omega=(0, 1, 0)))
-    moments, _, _ = scene.model.coarse().body.sample(0, 0, 4096)
+    tilted = rm.Start(omega=(0, 1, 0), attitude=(0, rm.grid(0.0, 0.3, 200, 4800), 0))
+    scene = rm.Scene(body, start=tilted)
+    coarse = scene.model.coarse()
+    assert coarse.start.attitude[1].count == coarse.body.moments[2].count < 200
+    moments, _, _ = coarse.body.sample(0, 0, 4096)
     for x, low, high in ((moments[0], 0.51, 0.99), (moments[2], 1.01, 1.39)):
         assert x.min() < low < high < x.max()
     assert scene.body.moments[0] == Grid(0.5, 1.0, 300, 16)
