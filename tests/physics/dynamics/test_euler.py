@@ -53,7 +53,6 @@ def test_scaled_rates_are_a_time_times_both_equations(i, l, onto, h):
     assert apart(euler.half_rotation(rates, l), turn) <= 5e-15
     change = np.multiply(h, euler.free_rate(body, l))
     assert apart(euler.add_free_change(rates, onto, l), np.add(onto, change)) <= 5e-15
-    assert euler.double_rates(rates) == euler.scaled(body, 2.0 * h)
 
 
 @pytest.mark.parametrize("size", [1e-35, 1.0, 8e37])  # a virus, a top, the Earth
