@@ -1,9 +1,9 @@
 """The shape of the code, measured: `python -m bench.house [--root DIR] [--markdown]`.
 
-`--list NAME` prints what a measure counts. `--walk scene` (parameter, error) prints the functions
-that such a thing passes, in order, as "file: function". `--root DIR` measures another tree, whose
-package is DIR. `--static` leaves out those measures for which the package runs. How each is
-counted:
+`--list NAME` prints what a measure counts. `--walk scene` (dt, state, observable, parameter, error)
+prints the functions that such a thing passes, in order, as "file: function". `--root DIR` measures
+another tree, whose package is DIR. `--static` leaves out those measures for which the package runs.
+How each is counted:
 
 lines, files : of all .py files of the package.
 code : lines that are not blank, of a docstring, or of a comment alone.

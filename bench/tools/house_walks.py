@@ -6,6 +6,7 @@
 import _thread
 import contextlib
 import copy
+import dis
 import io
 import linecache
 import os
@@ -14,10 +15,11 @@ import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
-from types import FrameType
+from types import CodeType, FrameType
 from typing import Any, NamedTuple
 
 from bench.tools.house_counts import SCENE, SCENE_BASES
@@ -27,9 +29,14 @@ SCENES = {SCENE, *SCENE_BASES}
 ERRORS = {"RigidmcError", "ValidationError", "ValueError"}
 ENTRY = ("rigidmc.cli", "main")  # the function that the command line calls
 PATH_SCENE = "heavy_top"
+# parameters that may hold a member's state: attitude and momentum, or everything stored of it
+STATE = {"q", "l", "state", "block", "rows", "frame", "flat", "member", "moving", "work"}
+# an observable by its classes (the other ones are its compiled parts); and its name
+OBSERVABLE, OBSERVABLE_NAME = {"Flips", "Component", "FlipLevel"}, "flips"
+FREE_SCENE = "dzhanibekov"  # of the walk of an observable
 
-MOST = 32  # elements of a collection that are inspected
-WALKS = ("scene", "parameter", "error")
+MOST, DEEP = 32, 3  # elements of a collection that are inspected; nesting of collections
+WALKS = ("scene", "dt", "state", "observable", "parameter", "error")
 PARAMETER = "effects.gravity.g"  # by which a run of PATH_SCENE differentiates
 
 
@@ -135,6 +142,15 @@ def is_of_module(frame: FrameType) -> str:
     return "" if "." in name or "<" in name else " "
 
 
+def sees_state(frame: FrameType) -> str:
+    """Return, for `follow`, the parameters that have a member's state."""
+    return ", ".join(
+        name
+        for name, value in arguments(frame)
+        if name in STATE and not isinstance(value, (str, int, type(None)))
+    )
+
+
 def sees_name(frame: FrameType) -> str:
     """Return, for `follow`, the arguments that are or contain the name of PARAMETER."""
     return ", ".join(
@@ -148,6 +164,14 @@ def _texts(value: Any) -> list[str]:
     """Return the texts of a collection."""
     parts = value if isinstance(value, (tuple, list, dict)) else ()
     return [part for part in parts if isinstance(part, str)]
+
+
+@cache
+def reads_dt(code: CodeType) -> bool:
+    """Return whether a function reads a name or attribute `dt`."""
+    lines = (line for line in dis.get_instructions(code) if line.opname.startswith("LOAD"))
+    loads = (x.argval if isinstance(x.argval, tuple) else (x.argval,) for x in lines)
+    return any("dt" in names for names in loads)
 
 
 def climbs(visits: Iterable[Visit], height: dict[str, int]) -> set[tuple[str, str]]:
@@ -175,6 +199,13 @@ def walk_of_path(root: Path, sees: Callable[[FrameType], str]) -> list[Visit]:
     return follow(simulate_call(package, PATH_SCENE, members=32, t_end=1.0), root, sees)
 
 
+def interpreted(root: Path) -> Any:
+    """Return the package in a process without compilation, so that the walk enters kernels."""
+    assert "numba" not in sys.modules, "too late: Numba compiles"
+    os.environ["NUMBA_DISABLE_JIT"] = "1"
+    return load_package(root)
+
+
 def walk(what: str, root: Path) -> list[Visit]:
     """Return the functions that a thing passes in a run, in order."""
     if what == "error":
@@ -182,8 +213,18 @@ def walk(what: str, root: Path) -> list[Visit]:
     _listen()
     if what == "scene":
         return walk_of_path(root, sees_kinds(SCENES))
-    settings = {"members": 32, "t_end": 1.0, "wrt": (PARAMETER,)}
-    return follow(simulate_call(load_package(root), PATH_SCENE, **settings), root, sees_name)
+    if what == "dt":
+        return walk_of_path(root, lambda frame: "reads dt" * reads_dt(frame.f_code))
+    settings: dict[str, Any] = {"members": 32, "t_end": 1.0, "wrt": (PARAMETER,)}
+    if what == "parameter":
+        return follow(simulate_call(load_package(root), PATH_SCENE, **settings), root, sees_name)
+    package = interpreted(root)
+    scene = package.Scene.load(FREE_SCENE if what == "observable" else PATH_SCENE)
+    settings = {"members": 2, "t_end": 4 * scene.run.dt, "threads": 1}
+    if what == "observable":
+        settings["save"] = ("omega", OBSERVABLE_NAME)
+    sees = sees_kinds(OBSERVABLE, DEEP) if what == "observable" else sees_state
+    return follow(lambda: package.simulate(scene, **settings), root, sees)
 
 
 BAD = """[body]
