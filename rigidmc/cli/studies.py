@@ -175,6 +175,8 @@ def _parameter(option: "Option") -> inspect.Parameter:
         made = count_option(key, option.least, **more)
     elif option.type is Time:
         made = time_option(key, **more)
+    elif option.is_argument:
+        made = typer.Argument(metavar=option.metavar, **more)
     # the help page shows the default unless the text does; None marks an omitted option
     is_shown = option.default is REQUIRED or not (option.is_new or "by default" in option.text)
     return inspect.Parameter(

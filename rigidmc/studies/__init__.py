@@ -30,6 +30,8 @@ STUDIES = {
     " of starts whose end changes under small perturbations, for each size of the perturbation,"
     " and the dimension of the boundary between basins of attraction. With -o RUN/ the members go"
     " to a run directory, which survives a kill.",
+    "fit": "Fit parameters of a scene to measured motion: every body and start that the data allow,"
+    " with intervals that residuals widen where the model leaves something out.",
     "frequencies": "Compute the frequencies in the motion of each member, and the change of the"
     " first one between the two halves of the time, which distinguishes regular motion from chaos."
     " With -o RUN/ the members go to a run directory, which survives a kill.",

@@ -17,7 +17,8 @@ def words_of(name, stored=False):
     study = load_study(name)
     kept = [one.name for one in options_of(study.options) if not (stored and one.is_new)]
     options = {key: value for key, value in study.example.options.items() if key in kept}
-    return _words(options if stored else {**options, **study.example.settings})
+    arguments = [one.name for one in options_of(study.options) if one.is_argument]
+    return _words(options if stored else {**options, **study.example.settings}, arguments)
 
 
 def command_words(name):
@@ -25,6 +26,10 @@ def command_words(name):
     return [study.command, study.example.scene, *words_of(name)]
 
 
-def _words(options):
+def _words(options, arguments=()):
+    first = [options[key] for key in arguments if key in options]
+    options = {key: value for key, value in options.items() if key not in arguments}
     pairs = ((f"--{key.replace('_', '-')}", value) for key, value in options.items())
-    return [word for key, value in pairs for word in ((key,) if value is True else (key, value))]
+    return first + [
+        word for key, value in pairs for word in ((key,) if value is True else (key, value))
+    ]

@@ -40,6 +40,7 @@ class Option:
     is_new : whether it defines members, and is refused for existing members
     missing : error message of a new study without it; a study on disk has it already
     in_command, in_function : whether the command and the function have it
+    is_argument : whether the command takes it by its place, after the scene
     reader : (value, name) -> the value to use, if the type alone does not determine it
     kind : type in the docstring, if it differs from `type`
     """
@@ -57,6 +58,7 @@ class Option:
     missing: str = ""
     in_command: bool = True
     in_function: bool = True
+    is_argument: bool = False
     reader: Callable[[Any, str], Any] | None = None
     kind: str = ""
     name: str = ""

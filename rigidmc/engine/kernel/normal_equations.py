@@ -1,0 +1,314 @@
+"""Normal equations of a fit, summed over the samples of a record for each member.
+
+A member saves an observable and its derivatives at equal distances. A sample lies between saves:
+the model there is the polynomial of degree 7 through the eight nearest saves. With the residual
+r = w (data - model) of a channel, its weight w = 1/sigma, and the derivatives J of w model by the
+parameters, the kernel sums over all samples::
+
+    J^T J (its upper triangle, row by row),   J^T r,   r^T r
+
+1,000 members with 2,000 samples of three rates and 6 parameters so leave .2 MB, not the 336 MB of
+their saves. The sums of a member take its samples in order, whatever members lie beside it.
+
+A sensor reads a vector v of body axes as z = (1 + s) R v + b, with scale errors s, alignment R and
+bias b, at the time (1 + drift) t + offset of its own clock's time t. A rotation d of the sensor,
+R -> exp([d]x) R, changes z by (1 + s) (d x R v).
+"""
+
+import sys
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rigidmc.engine.compiler.compose import inline_all
+from rigidmc.engine.compiler.memory import memory
+
+LANES = 8  # members side by side: a cache line holds a save of 8 members
+NODES = 8  # saves of a polynomial: its error, (omega h)^8/9000 at the middle, is below that of rk4
+# 1/((-1)^(7 - i) i! (7 - i)!): the divisors of Lagrange's polynomials of the nodes 0, ..., 7
+DIVISORS = np.array([-1 / 5040, 1 / 720, -1 / 240, 1 / 144, -1 / 144, 1 / 240, -1 / 720, 1 / 5040])
+VECTOR, ATTITUDE = 1, 2  # kinds of a stream; 0 for numbers that no sensor turns
+# Rows of `sensor`: R row by row, scale errors, biases, offset [saves], drift of the clock
+SCALE, BIAS, OFFSET, DRIFT, SENSOR_ROWS = 9, 12, 15, 16, 17
+# Nuisances, in the order of `columns_of`: bias, scale and rotation of each axis, offset, drift
+OF_SCALE, OF_ROTATION, OF_OFFSET, OF_DRIFT, NUISANCES = 3, 6, 9, 10, 11
+# Rows of `room`: weights of the nodes, of their slopes, then for each channel the model, its rate,
+# the model before its scale and bias, the residual; and the derivatives
+WEIGHTS, SLOPES, MODEL, RATE, TURNED, RESIDUAL, JACOBIAN = 0, 8, 16, 20, 24, 28, 32
+
+
+class Samples(NamedTuple):
+    """The samples of one stream of measurements, the saves of the members, and their sums.
+
+    saves : out[((s*rows + r)*columns + d)*width + column + m], as in
+        `rigidmc.engine.kernel.arguments.SaveTarget`, with `steps` saves
+    times : of the samples by their own clock, in distances of saves (records, samples)
+    values, weights : (records, samples, channels); the weight of a missing value is 0
+    record : of each member
+    sensor : (SENSOR_ROWS, members)
+    columns_of : column of the derivative by each nuisance, -1 for a known one
+    chain : (mixed, mixed, members), derivatives of the first parameters of the motion by those of
+        the fit, which take their place
+    sums : (pairs + parameters + 1, members), pairs = parameters (parameters + 1)/2; or, if `keeps`
+        is 1, residuals and derivatives (samples, channels, 1 + parameters, members)
+    room : working memory of (JACOBIAN + 4 parameters + mixed) LANES numbers
+    first : working memory of LANES whole numbers
+    kind, row, channels : of the stream: 0, VECTOR or ATTITUDE; row of its first value in a save
+    parameters, moving : all parameters, and those that change the motion, which come first
+    """
+
+    saves: Any
+    times: Any
+    values: Any
+    weights: Any
+    record: Any
+    sensor: Any
+    columns_of: Any
+    divisors: Any
+    chain: Any
+    sums: Any
+    room: Any
+    first: Any
+    rows: int
+    columns: int
+    width: int
+    column: int
+    steps: int
+    samples: int
+    members: int
+    kind: int
+    row: int
+    channels: int
+    parameters: int
+    moving: int
+    mixed: int
+    keeps: int
+
+
+RECORD = np.dtype([(name, np.intp) for name in Samples._fields])
+
+
+def add_samples(tree, numbers, frame):
+    """Add the samples of a stream to the sums of all members."""
+    for low in range(0, frame.members, LANES):
+        for k in range(frame.samples):
+            find_saves(frame, low, k)
+            room = memory(frame.room, 1.0)
+            for i in range(JACOBIAN * LANES, (JACOBIAN + 4 * frame.parameters) * LANES):
+                room[i] = 0.0
+            interpolate(frame, low)
+            change_parameters(frame, low)
+            if frame.kind == ATTITUDE:
+                compare_attitudes(frame, low, k)
+            else:
+                read_sensor(frame, low, k)
+            weigh(frame, low, k)
+            for c in range(frame.channels):
+                if frame.keeps != 0:
+                    keep_sample(frame, low, k * frame.channels + c, c)
+                else:
+                    add_sample(frame, low, c)
+    return 0
+
+
+def find_saves(frame, low, k):
+    """Set the first save of the polynomial of sample k, and the weights of its nodes."""
+    times, sensor = memory(frame.times, 1.0), memory(frame.sensor, 1.0)
+    room, first = memory(frame.room, 1.0), memory(frame.first, 1)
+    record, divisors = memory(frame.record, 1), memory(frame.divisors, 1.0)
+    for lane in range(LANES):
+        m = low + lane
+        drift, offset = sensor[DRIFT * frame.members + m], sensor[OFFSET * frame.members + m]
+        at = times[record[m] * frame.samples + k]
+        at = at + (drift * at + offset)
+        last = (frame.steps - NODES) * 1.0
+        # A clock beyond the saves takes the outermost polynomial; nan compares False.
+        begin = at - 3.0 if at > 3.0 else 0.0
+        place = int(begin if begin < last else last)
+        first[lane] = place
+        x = at - place
+        for i in range(NODES):
+            weight, slope = 1.0, 0.0
+            for j in range(NODES):
+                if j != i:
+                    slope = slope * (x - j) + weight
+                    weight = weight * (x - j)
+            room[(WEIGHTS + i) * LANES + lane] = weight * divisors[i]
+            room[(SLOPES + i) * LANES + lane] = slope * divisors[i]
+
+
+def interpolate(frame, low):
+    """Set the model, its rate and its derivatives at a sample."""
+    saves, room, first = memory(frame.saves, 1.0), memory(frame.room, 1.0), memory(frame.first, 1)
+    values = frame.channels + 1 if frame.kind == ATTITUDE else frame.channels
+    pitch = frame.rows * frame.columns * frame.width
+    for c in range(values):
+        # of an attitude, three numbers have derivatives: those of a rotation vector
+        derivatives = frame.moving if c < frame.channels else 0
+        for d in range(1 + derivatives):
+            at = ((frame.row + c) * frame.columns + d) * frame.width + frame.column + low
+            target = MODEL + c if d == 0 else JACOBIAN + c * frame.parameters + d - 1
+            for lane in range(LANES):
+                room[target * LANES + lane] = 0.0
+            for i in range(NODES):
+                for lane in range(LANES):
+                    save = saves[(first[lane] + i) * pitch + at + lane]
+                    room[target * LANES + lane] += room[(WEIGHTS + i) * LANES + lane] * save
+        for lane in range(LANES):
+            room[(RATE + c) * LANES + lane] = 0.0
+        for i in range(NODES):
+            at = (frame.row + c) * frame.columns * frame.width + frame.column + low
+            for lane in range(LANES):
+                save = saves[(first[lane] + i) * pitch + at + lane]
+                room[(RATE + c) * LANES + lane] += room[(SLOPES + i) * LANES + lane] * save
+
+
+def change_parameters(frame, low):
+    """Replace the derivatives by the first parameters of the motion by those of the fit.
+
+    After the sums it would be too late: the derivatives by two moments cancel in all digits where a
+    second moment is 1e-5 of the others.
+    """
+    room, chain, n = memory(frame.room, 1.0), memory(frame.chain, 1.0), frame.mixed
+    for c in range(frame.channels):
+        row, other = JACOBIAN + c * frame.parameters, JACOBIAN + 4 * frame.parameters
+        for i in range(n):
+            for lane in range(LANES):
+                total = 0.0
+                for j in range(n):
+                    factor = chain[(j * n + i) * frame.members + low + lane]
+                    total += room[(row + j) * LANES + lane] * factor
+                room[(other + i) * LANES + lane] = total
+        for i in range(n * LANES):
+            room[row * LANES + i] = room[other * LANES + i]
+
+
+def read_sensor(frame, low, k):
+    """Set the readings of a sensor in place of the model, and their derivatives."""
+    sensor, room, members = memory(frame.sensor, 1.0), memory(frame.room, 1.0), frame.members
+    if frame.kind == VECTOR:
+        for lane in range(LANES):
+            turn(sensor, members, room, low, lane, MODEL, 1)
+            turn(sensor, members, room, low, lane, RATE, 1)
+            for d in range(frame.moving):
+                turn(sensor, members, room, low, lane, JACOBIAN + d, frame.parameters)
+    columns_of = memory(frame.columns_of, 1)
+    for c in range(frame.channels):
+        add_nuisances(frame, columns_of, low, k, c)
+    for c in range(frame.channels):
+        for lane in range(LANES):
+            at, m = (MODEL + c) * LANES + lane, low + lane
+            gain = 1.0 + sensor[(SCALE + c) * members + m]
+            room[at] = gain * room[at] + sensor[(BIAS + c) * members + m]
+
+
+def turn(sensor, members, room, low, lane, row, apart):
+    """Turn the vector in three rows, `apart` from each other, into the axes of the sensor."""
+    m = low + lane
+    x, y = room[row * LANES + lane], room[(row + apart) * LANES + lane]
+    z = room[(row + 2 * apart) * LANES + lane]
+    for c in range(3):
+        first = sensor[3 * c * members + m] * x + sensor[(3 * c + 1) * members + m] * y
+        room[(row + c * apart) * LANES + lane] = first + sensor[(3 * c + 2) * members + m] * z
+
+
+def add_nuisances(frame, columns_of, low, k, c):
+    """Set the derivatives of channel c by the parameters of the sensor, and scale all others.
+
+    `room` has the vector in the axes of the sensor, and its rate.
+    """
+    sensor, room, members = memory(frame.sensor, 1.0), memory(frame.room, 1.0), frame.members
+    times, record = memory(frame.times, 1.0), memory(frame.record, 1)
+    row, after, before = JACOBIAN + c * frame.parameters, (c + 1) % 3, (c + 2) % 3
+    for lane in range(LANES):
+        m = low + lane
+        gain = 1.0 + sensor[(SCALE + c) * members + m]
+        for d in range(frame.moving):
+            room[(row + d) * LANES + lane] *= gain
+        rate = gain * room[(RATE + c) * LANES + lane]
+        put(room, row, columns_of[c], lane, 1.0)
+        put(room, row, columns_of[OF_SCALE + c], lane, room[(MODEL + c) * LANES + lane])
+        put(room, row, columns_of[OF_OFFSET], lane, rate)
+        t = times[record[m] * frame.samples + k]
+        put(room, row, columns_of[OF_DRIFT], lane, rate * t)
+        if frame.kind == VECTOR:  # component c of d x u, by d_(c+1) and d_(c+2)
+            u_before = room[(MODEL + before) * LANES + lane]
+            put(room, row, columns_of[OF_ROTATION + after], lane, gain * u_before)
+            u_after = room[(MODEL + after) * LANES + lane]
+            put(room, row, columns_of[OF_ROTATION + before], lane, -gain * u_after)
+
+
+def put(room, row, column, lane, value):
+    """Set a derivative, unless its parameter is known."""
+    if column >= 0:
+        room[(row + column) * LANES + lane] = value
+
+
+def compare_attitudes(frame, low, k):
+    """Set data less model of an attitude: 2 vec(q* d), the rotation from the model q to the data d
+    in body axes. To first order in it, its derivatives are minus those of the model."""
+    room, values = memory(frame.room, 1.0), memory(frame.values, 1.0)
+    record = memory(frame.record, 1)
+    for lane in range(LANES):
+        at = (record[low + lane] * frame.samples + k) * 4
+        w, x = room[MODEL * LANES + lane], room[(MODEL + 1) * LANES + lane]
+        y, z = room[(MODEL + 2) * LANES + lane], room[(MODEL + 3) * LANES + lane]
+        a, b, c, d = values[at], values[at + 1], values[at + 2], values[at + 3]
+        cosine = w * a + x * b + y * c + z * d
+        # q and -q are one attitude; and the polynomial leaves the unit sphere by its error
+        sign = 2.0 if cosine >= 0.0 else -2.0
+        room[TURNED * LANES + lane] = sign * (w * b - x * a - y * d + z * c)
+        room[(TURNED + 1) * LANES + lane] = sign * (w * c - y * a - z * b + x * d)
+        room[(TURNED + 2) * LANES + lane] = sign * (w * d - z * a - x * c + y * b)
+
+
+def weigh(frame, low, k):
+    """Set the residuals, and multiply the derivatives by the weights."""
+    room, values = memory(frame.room, 1.0), memory(frame.values, 1.0)
+    weights, record = memory(frame.weights, 1.0), memory(frame.record, 1)
+    for c in range(frame.channels):
+        row = JACOBIAN + c * frame.parameters
+        for lane in range(LANES):
+            sample = record[low + lane] * frame.samples + k
+            weight = weights[sample * frame.channels + c]
+            left = room[(TURNED + c) * LANES + lane]
+            if frame.kind != ATTITUDE:
+                data = values[sample * frame.channels + c]
+                left = data - room[(MODEL + c) * LANES + lane]
+            # A missing value is nan, and nan times 0 is nan.
+            room[(RESIDUAL + c) * LANES + lane] = weight * left if weight > 0.0 else 0.0
+            for d in range(frame.parameters):
+                room[(row + d) * LANES + lane] *= weight
+
+
+def add_sample(frame, low, c):
+    """Add channel c of a sample to the sums."""
+    room, sums = memory(frame.room, 1.0), memory(frame.sums, 1.0)
+    p, row, place = frame.parameters, JACOBIAN + c * frame.parameters, low
+    residual = (RESIDUAL + c) * LANES
+    for i in range(p):
+        for j in range(i, p):
+            for lane in range(LANES):
+                first = room[(row + i) * LANES + lane]
+                sums[place + lane] += first * room[(row + j) * LANES + lane]
+            place += frame.members
+    for i in range(p):
+        for lane in range(LANES):
+            sums[place + lane] += room[(row + i) * LANES + lane] * room[residual + lane]
+        place += frame.members
+    for lane in range(LANES):
+        sums[place + lane] += room[residual + lane] * room[residual + lane]
+
+
+def keep_sample(frame, low, number, c):
+    """Write the residual and the derivatives of channel c of a sample."""
+    room, sums = memory(frame.room, 1.0), memory(frame.sums, 1.0)
+    p, row = frame.parameters, JACOBIAN + c * frame.parameters
+    for i in range(1 + p):
+        source = RESIDUAL + c if i == 0 else row + i - 1
+        for lane in range(LANES):
+            at = (number * (1 + p) + i) * frame.members + low + lane
+            sums[at] = room[source * LANES + lane]
+
+
+inline_all(sys.modules[__name__])

@@ -1,0 +1,182 @@
+"""The Dataset of a fit: its answers, their intervals, the residuals, and the fitted scene."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from scipy import stats
+
+from rigidmc.engine.kernel.normal_equations import ATTITUDE
+from rigidmc.errors import RigidmcError
+from rigidmc.scene.parameters import units_at, with_parameters
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.varied import variables
+from rigidmc.scene.vector_distributions.vectors import Correlated
+from rigidmc.studies.fit.answers import distinct
+from rigidmc.studies.fit.missing import Candidate
+from rigidmc.studies.fit.parameters import MOMENTS, FitParameters
+from rigidmc.studies.fit.problem import FitProblem
+from rigidmc.studies.fit.solve import Solution
+from rigidmc.studies.fit.streams import NUISANCES, Array
+from rigidmc.studies.fit.uncertainty import Assessment
+from rigidmc.studies.fit.visible import in_words
+from rigidmc.studies.framework.variables import StudyVariable, make_dataset
+
+AXES = "body.moments.1", "body.moments.2", "body.moments.3"
+VARIABLES = (
+    StudyVariable("value", "answer parameter", "", "parameter at each answer", "in `unit`"),
+    StudyVariable("deviation", "parameter", "", "standard deviation", "inf where nothing shows it"),
+    StudyVariable("low", "parameter", "", "lower end of the interval"),
+    StudyVariable("high", "parameter", "", "upper end of the interval"),
+    StudyVariable(
+        "covariance", "parameter other", "", "covariance of the parameters",
+        "of what the data show",
+    ),
+    StudyVariable("ratio", "moment over", "1", "ratio of two principal moments"),
+    StudyVariable("ratio_deviation", "moment over", "1", "standard deviation of the ratio"),
+    StudyVariable("cost", "answer", "1", "sum of the squares of the residuals over their noise"),
+    StudyVariable("ends", "answer", "1", "number of trials that end there"),
+    StudyVariable("gain", "torque", "1", "gain of the logarithm of the likelihood by a torque"),
+    StudyVariable("data", "sample", "", "measured value"),
+    StudyVariable("model", "sample", "", "value at the best answer"),
+    StudyVariable("noise", "sample", "", "standard deviation of the value"),
+)  # fmt: skip
+
+
+def dataset_of(
+    problem: FitProblem,
+    solution: Solution,
+    best: int,
+    found: Assessment,
+    torques: Sequence[Candidate],
+    confidence: float,
+) -> xr.Dataset:
+    """Return the Dataset of a fit.
+
+    best : the trial of the answer;  found : what its residuals say;  torques : missing ones
+    """
+    parameters, cost, x = problem.parameters, solution.sums.cost, solution.x[best]
+    t, data, noise, names, which = problem.samples_in_order()
+    answers = distinct(solution, best, found.variance)
+    in_coordinates = found.covariance
+    if torques and torques[0].gain > 0.0:
+        in_coordinates = torques[0].covariance(problem, x)
+    slopes, value = parameters.slopes(x), parameters.values(x)
+    covariance = slopes @ in_coordinates @ slopes.T
+    deviation = np.sqrt(np.diag(covariance))
+    # moments are hidden together: each follows from two coordinates
+    is_hidden = (np.abs(slopes) @ found.shown.hidden) > 0.0
+    shown_deviation = np.where(is_hidden, math.inf, deviation)
+    width = stats.norm.ppf(0.5 + 0.5 * confidence)
+    ratio, ratio_deviation = _ratios(parameters, x, in_coordinates)
+    made = {
+        "value": np.stack([parameters.values(solution.x[i]) for i in answers.trials]),
+        "deviation": shown_deviation,
+        "low": value - width * shown_deviation,
+        "high": value + width * shown_deviation,
+        "covariance": covariance,
+        "ratio": ratio,
+        "ratio_deviation": ratio_deviation,
+        "cost": cost[answers.trials],
+        "ends": answers.ends,
+        "gain": np.array([torque.gain for torque in torques]),
+        "data": data,
+        "model": data - found.residuals * noise,
+        "noise": noise,
+    }
+    coordinates = {
+        "parameter": parameters.names,
+        "other": parameters.names,
+        "unit": ("parameter", _units(problem)),
+        "sample_time": ("sample", t),
+        "channel": ("sample", names),
+        "channel_unit": ("sample", _channel_units(problem, names)),
+        "record": ("sample", which),
+        "moment": list(AXES),
+        "over": list(AXES),
+        "torque": [torque.text for torque in torques],
+    }
+    attrs = {
+        "reduced_chi_square": found.variance,
+        "white": found.error.white,
+        "lasting": found.error.lasting,
+        "lasting_time": found.error.time,
+        "lasting_gain": found.error.gain,
+        "unseen": in_words(parameters, x, found.shown),
+        "residuals": found.residuals.size,
+        "trials": solution.x.shape[0],
+        "settled": int(solution.is_settled.sum()),
+        "confidence": confidence,
+        "fitted": fitted_scene(problem, value, covariance).dumps(),
+    }
+    return make_dataset(VARIABLES, made, coordinates, attrs)
+
+
+def _ratios(parameters: FitParameters, x: Array, covariance: Array) -> tuple[Array, Array]:
+    """Return the ratios of the principal moments (3, 3), and their standard deviations; nan if
+    moments are not fitted. covariance : of the coordinates x"""
+    if not parameters.mixed:
+        return np.full((3, 3), np.nan), np.full((3, 3), np.nan)
+    places = parameters.places_of(MOMENTS)[0]
+    moments = parameters.values(x)[places]
+    slope = parameters.slopes(x)[places] / moments[:, None]  # d ln I
+    change = slope[:, None, :] - slope[None, :, :]
+    variance = np.einsum("ijp,pq,ijq->ij", change, covariance, change)
+    ratio = moments[:, None] / moments[None, :]
+    return ratio, ratio * np.sqrt(np.maximum(variance, 0.0))
+
+
+def _units(problem: FitProblem) -> list[str]:
+    """Return the SI units of all parameters."""
+    units, parameters = [""] * problem.parameters.size, problem.parameters
+    for column in parameters.columns:
+        if column.stream < 0:
+            (unit,) = units_at(problem.run.scene.model, [column.name])
+        else:
+            name = problem.streams[column.stream].observable
+            observable = problem.run.layout.recording.observable(name)
+            unit = NUISANCES[column.word].unit or observable.units
+        for place in np.unique(parameters.index[:, column.columns]):
+            units[place] = unit
+    return units
+
+
+def _channel_units(problem: FitProblem, channels: Sequence[str]) -> list[str]:
+    """Return the SI units of channels; of an attitude, those of a rotation vector."""
+    recording, units = problem.run.layout.recording, dict[str, str]()
+    for stream in problem.streams:
+        unit = "rad" if stream.kind == ATTITUDE else recording.observable(stream.observable).units
+        units |= dict.fromkeys(stream.channel_names(), unit)
+    return [units[channel] for channel in channels]
+
+
+def fitted_scene(problem: FitProblem, value: Array, covariance: Array) -> Scene:
+    """Return the scene with the fitted numbers of its first record; vectors that have an
+    uncertainty are drawn, with their covariance."""
+    parameters, run = problem.parameters, problem.run
+    certain, drawn = {}, {}
+    for column in parameters.columns:
+        if column.stream < 0:
+            places = parameters.index[0, column.columns]
+            mean = tuple(map(float, value[places]))
+            certain[column.name] = mean if parameters.is_vector[column.name] else mean[0]
+            some = covariance[np.ix_(places, places)]
+            if column.size == 3 and not column.name.startswith("start.attitude"):
+                drawn[column.name] = Correlated(mean, _positive(some))
+    scene, known = run.scene.with_run(varied=None, wrt=()), variables(run.scene.model)
+    model = with_parameters(scene.model, certain, "free", known)
+    try:
+        return scene.with_model(with_parameters(model, drawn, "free", known))
+    except RigidmcError:  # a vector that no distribution may draw
+        return scene.with_model(model)
+
+
+def _positive(covariance: Array) -> tuple[tuple[float, ...], ...]:
+    """Return a covariance whose least eigenvalue is above rounding: what the data do not show, as
+    the size of all moments, has none."""
+    values, vectors = np.linalg.eigh(covariance)
+    least = 1e-12 * max(values[-1], 1e-300)
+    some = (vectors * np.maximum(values, least)) @ vectors.T
+    some = 0.5 * (some + some.T)
+    return tuple(tuple(map(float, row)) for row in some)

@@ -1,0 +1,200 @@
+"""The parameters of a fit: numbers of the scene and nuisances of sensors, as one vector.
+
+Numbers of a body and of effects belong to all records, those of a start to one record each. A fit
+moves in coordinates in which every trial is a body: for principal moments these are u_i = ln J_i of
+the second moments J_i > 0, with I_1 = J_2 + J_3 and so on. All other parameters are coordinates
+themselves. Source: Wensing, Kim & Slotine, IEEE RA-L 3 (2018) 60.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.studies.fit.streams import NUISANCES, Array, Stream
+
+PAIRS = np.ones((3, 3)) - np.eye(3)  # I = PAIRS J
+MOMENTS = "body.moments"
+EXTREME = 20.0  # of ln J: a trial beyond a factor of 5e8 is no body that one holds
+
+
+@dataclass(frozen=True)
+class Column:
+    """A parameter of one record: a number or vector of the scene, or a nuisance of a sensor.
+
+    name : of the parameter;  first, size : its columns among those of a record
+    stream : place of its stream, -1 for a number of the scene;  word : a nuisance, or ""
+    is_shared : whether all records have the same
+    """
+
+    name: str
+    first: int
+    size: int
+    is_shared: bool
+    stream: int = -1
+    word: str = ""
+
+    @property
+    def columns(self) -> slice:
+        """Its columns among those of a record."""
+        return slice(self.first, self.first + self.size)
+
+
+class FitParameters:
+    """The layout of the parameters of a fit.
+
+    columns : of one record, those of the motion first, and moments before all others
+    index : place in the vector of all parameters of each column of a record, (records, columns)
+    names : of all parameters
+    moving : number of columns that change the motion
+    low, high : limits of the coordinates
+    """
+
+    def __init__(
+        self,
+        nominal: Mapping[str, float | Sequence[float]],
+        shared: Sequence[str],
+        streams: Sequence[Stream],
+        records: int,
+        limits: Mapping[str, tuple[float, float]] = {},
+    ) -> None:
+        """nominal : {parameter of the scene: its value};  shared : those of all records
+        limits : {parameter of the scene: least and largest value of its components}
+        """
+        self.nominal = {name: np.atleast_1d(np.asarray(x, float)) for name, x in nominal.items()}
+        self.is_vector = {name: np.ndim(x) == 1 for name, x in nominal.items()}
+        columns: list[Column] = []
+        at = 0
+        for name in sorted(self.nominal, key=lambda word: word != MOMENTS):
+            columns.append(Column(name, at, self.nominal[name].size, name in shared))
+            at += columns[-1].size
+        self.moving = at
+        for i, stream in enumerate(streams):
+            for word in stream.nuisances:
+                name, size = f"{stream.observable}.{word}", stream.size_of(word)
+                columns.append(Column(name, at, size, NUISANCES[word].is_shared, i, word))
+                at += size
+        self.columns, self.records = tuple(columns), records
+        self.index, self.names = self._places(at)
+        self.low, self.high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        if self.mixed:  # in their own coordinates
+            limits = dict(limits)
+            middle = np.log(np.mean(self.nominal[MOMENTS]))
+            limits[MOMENTS] = middle - EXTREME, middle + EXTREME
+        for name, (low, high) in limits.items():
+            self.low[self.places_of(name)], self.high[self.places_of(name)] = low, high
+
+    def _places(self, size: int) -> tuple[NDArray[np.int64], list[str]]:
+        """Return `index` and `names`."""
+        index, names = np.empty((self.records, size), np.int64), list[str]()
+        for column in self.columns:
+            for record in range(self.records):
+                if record == 0 or not column.is_shared:
+                    place = len(names) + np.arange(column.size)
+                    mark = "" if column.is_shared or self.records == 1 else f"[{record + 1}]"
+                    each = [f".{k + 1}" for k in range(column.size)] if column.size > 1 else [""]
+                    names += [f"{column.name}{mark}{word}" for word in each]
+                index[record, column.columns] = place
+        return index, names
+
+    @property
+    def size(self) -> int:
+        """Number of all parameters."""
+        return len(self.names)
+
+    @property
+    def mixed(self) -> int:
+        """Number of columns whose derivatives the coordinates mix: the moments, or none."""
+        return 3 if MOMENTS in self.nominal else 0
+
+    def places_of(self, name: str) -> NDArray[np.int64]:
+        """Return the places of a parameter, (records, components)."""
+        (column,) = (c for c in self.columns if c.name == name)
+        return self.index[:, column.columns]
+
+    def coordinates(self, values: Mapping[str, Array]) -> Array:
+        """Return the coordinates of parameters by name, (components,) or (records, components);
+        the nominal values of the others, and 0 for nuisances."""
+        x = np.zeros(self.size)
+        for column in self.columns:
+            default = self.nominal.get(column.name, np.zeros(column.size))
+            value = np.asarray(values.get(column.name, default), float)
+            value = np.broadcast_to(value, (self.records, column.size))
+            if column.name == MOMENTS:
+                second = np.maximum(value @ np.linalg.inv(PAIRS), 1e-6 * value.max())
+                value = np.log(second)
+            for record in range(self.records):
+                x[self.index[record, column.columns]] = value[record]
+        return x
+
+    def of_scene(self, x: Array) -> dict[str, Any]:
+        """Return {parameter of the scene: values of each member, or their columns} of trials
+        (trials, size); members are the records of the first trial, then those of the next."""
+        rows = x[:, self.index].reshape(-1, self.index.shape[1])
+        values = {}
+        for column in self.columns:
+            if column.stream < 0:
+                part = rows[:, column.columns]
+                part = np.exp(part) @ PAIRS if column.name == MOMENTS else part
+                # columns: three members of a vector would read two ways as an array
+                values[column.name] = tuple(part.T) if self.is_vector[column.name] else part[:, 0]
+        return values
+
+    def of_sensor(self, x: Array, stream: int) -> dict[str, Array]:
+        """Return {nuisance: values of each member, (members, components)} of a stream."""
+        rows = x[:, self.index].reshape(-1, self.index.shape[1])
+        return {c.word: rows[:, c.columns] for c in self.columns if c.stream == stream}
+
+    def chain(self, x: Array) -> Array:
+        """Return the derivatives of the first `mixed` parameters by their coordinates, for each
+        member: (mixed, mixed, members)."""
+        rows = x[:, self.index[:, : self.mixed]].reshape(-1, self.mixed)
+        return np.ascontiguousarray(PAIRS[: self.mixed, : self.mixed, None] * np.exp(rows.T))
+
+    def turns(self, x: Array) -> Array:
+        """Return the derivatives of rotations of the sensors by their coordinates, the identity for
+        all other columns: (members, columns, columns)."""
+        rows = x[:, self.index].reshape(-1, self.index.shape[1])
+        turns = np.tile(np.eye(rows.shape[1]), (rows.shape[0], 1, 1))
+        for column in self.columns:
+            if column.word == "alignment":
+                block = left_jacobian(rows[:, column.columns])
+                turns[:, column.columns, column.columns] = block
+        return turns
+
+    def values(self, x: Array) -> Array:
+        """Return parameters (size,) from their coordinates."""
+        values = np.array(x)
+        if self.mixed:
+            for places in self.places_of(MOMENTS):
+                values[places] = np.exp(x[places]) @ PAIRS
+        return values
+
+    def slopes(self, x: Array) -> Array:
+        """Return the derivatives of the parameters by their coordinates, (size, size)."""
+        slopes = np.eye(self.size)
+        if self.mixed:
+            for places in self.places_of(MOMENTS):
+                slopes[np.ix_(places, places)] = PAIRS * np.exp(x[places])
+        return slopes
+
+
+def left_jacobian(turn: Array) -> Array:
+    """Return the derivatives (n, 3, 3) of small rotations d, exp([d]x) exp([a]x), by a (n, 3).
+
+        J = 1 + (1 - cos a)/a^2 [a]x + (a - sin a)/a^3 [a]x^2
+
+    Source: Chirikjian, Stochastic Models, Information Theory, and Lie Groups 2 (2012), (10.86).
+    """
+    angle = np.linalg.norm(turn, axis=1)[:, None, None]
+    cross = np.zeros((turn.shape[0], 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -turn[:, 2], turn[:, 1], -turn[:, 0]
+    cross -= cross.transpose(0, 2, 1)
+    # By series below 1e-2, where a - sin a has lost half of its digits: the next terms are 1e-9.
+    small = angle < 1e-2
+    a = np.where(small, 1.0, angle)
+    first = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(a)) / a**2)
+    second = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (a - np.sin(a)) / a**3)
+    return np.asarray(np.eye(3) + first * cross + second * (cross @ cross))

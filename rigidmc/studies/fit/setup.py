@@ -1,0 +1,161 @@
+"""From a scene and its records to the problem of a fit."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rigidmc.errors import OptionError, unknown
+from rigidmc.inputs.measured import in_units
+from rigidmc.physics.observables.protocol import size
+from rigidmc.runs.prepare import PreparedRun, prepare_scene
+from rigidmc.scene.parameters import parameters_of, with_vectors
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.varied import nominal_of
+from rigidmc.studies.fit.parameters import FitParameters
+from rigidmc.studies.fit.problem import FitProblem
+from rigidmc.studies.fit.records import ColumnsOf, Record, read_records
+from rigidmc.studies.fit.streams import NUISANCES, Stream, high_frequency_noise, kind_of, padded
+
+TURN = 0.25  # of the body between two saves [rad]: polynomials of degree 7 then miss 2e-9 of a rate
+LEAST = 8  # intervals between saves: a polynomial has as many nodes
+BY_NAME = ("omega", "momentum", "attitude")  # observables whose columns are found by their names
+_ONE_STEP = 1e-9  # relative: the last sample may lie on the last save, rounded
+
+
+def records_of(
+    scene: Scene,
+    data: Any,
+    columns: Mapping[str, ColumnsOf],
+    time: str | None,
+    split: str | None,
+    between: Sequence[tuple[float, float]],
+) -> list[Record]:
+    """Return the records of the data of a scene; see `rigidmc.studies.fit.records`."""
+    saved = tuple(dict.fromkeys([*columns, *BY_NAME]))
+    recording = scene.with_run(save=saved, members=1).recording
+    observables = {name: recording.observable(name) for name in saved}
+    units = {name: observable.units for name, observable in observables.items()}
+    sizes = {name: size(observable.dims) for name, observable in observables.items()}
+    return read_records(data, columns, units, sizes, time, split, between)
+
+
+def make_problem(
+    scene: Scene,
+    free: Sequence[str],
+    own: Sequence[str],
+    records: Sequence[Record],
+    noise: Any,
+    nuisances: Sequence[str],
+    threads: int,
+) -> FitProblem:
+    """Return the problem of a fit; OptionError or SceneError.
+
+    free : parameters of the scene;  own : those that differ between records, besides the start
+    noise : of observables, as the user gives it;  nuisances : words such as bias and omega.bias
+    """
+    run = prepare_scene(_with_saves(scene, free, records))
+    nominal = run.scene.run.varied or {}
+    for name in own:
+        if name not in nominal:
+            raise unknown("free parameter", nominal, at="each", value=name, error=OptionError)
+    shared = [name for name in nominal if not name.startswith("start.") and name not in own]
+    streams = _streams(run, records, _read_noise(run, noise), nuisances)
+    parameters = FitParameters(nominal, shared, streams, len(records), _limits(run.scene, nominal))
+    return FitProblem(run, parameters, streams, threads)
+
+
+def _with_saves(scene: Scene, free: Sequence[str], records: Sequence[Record]) -> Scene:
+    """Return the scene with the run of a fit, whose saves lie around the samples.
+
+    rk8 with these steps is exact to 1e-9 of a rate, as the polynomials are.
+    """
+    longest = max(t[-1] - t[0] for record in records for t in record.times.values())
+    every = min(TURN / _fastest(scene, records), longest / LEAST)
+    steps = max(LEAST, int(np.ceil(longest / every - _ONE_STEP)))
+    observables = tuple(dict.fromkeys(name for record in records for name in record.times))
+    return scene.with_run(
+        integrator="rk8", dt=every, every=every, t_end=steps * every, tolerance=None, members=1,
+        save=observables, varied=nominal_of(scene.model, free), wrt=tuple(free),
+    )  # fmt: skip
+
+
+def _fastest(scene: Scene, records: Sequence[Record]) -> float:
+    """Return the largest angular velocity of the data, or else of the scene [rad/s]."""
+    rates = [record.values["omega"] for record in records if "omega" in record.values]
+    if rates:
+        return max(float(np.nanmax(np.linalg.norm(x, axis=1))) for x in rates)
+    spin = scene.start.spin_name
+    vector = np.atleast_1d(nominal_of(scene.model, [f"start.{spin}"])[f"start.{spin}"])
+    if spin == "momentum":
+        moments = nominal_of(scene.model, ["body.moments"])["body.moments"]
+        vector = vector / np.asarray(moments)
+    return float(np.linalg.norm(vector))
+
+
+def _limits(scene: Scene, nominal: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Return {free parameter: least and largest value of its components}."""
+    known = with_vectors(parameters_of(scene.model, scene.run.anti_damping))
+    return {name: known[name].limits for name in nominal}
+
+
+def _streams(
+    run: PreparedRun,
+    records: Sequence[Record],
+    noise: Mapping[str, float],
+    nuisances: Sequence[str],
+) -> tuple[Stream, ...]:
+    """Return the streams of the records, one for each observable."""
+    words, streams = _nuisances(nuisances, list(records[0].times)), []
+    begins = [min(t[0] for t in record.times.values()) for record in records]
+    for name in records[0].times:
+        kind = kind_of(run.layout.recording.observable(name).dims)
+        times = padded([r.times[name] - t for r, t in zip(records, begins, strict=True)])
+        values = padded([record.values[name] for record in records])
+        stream = Stream(name, kind, times, values, np.empty(0), words[name])
+        sigma = noise.get(name)
+        each = high_frequency_noise(stream) if sigma is None else np.full(stream.channels, sigma)
+        streams.append(stream._replace(noise=each))
+    return tuple(streams)
+
+
+def _nuisances(names: Sequence[str], observables: list[str]) -> dict[str, tuple[str, ...]]:
+    """Return {observable: its nuisances} of words such as bias and omega.bias; OptionError."""
+    each: dict[str, dict[str, None]] = {name: {} for name in observables}
+    for name in names:
+        observable, _, word = name.rpartition(".")
+        if word not in NUISANCES:
+            raise unknown("nuisance", NUISANCES, at="nuisances", value=name, error=OptionError)
+        if observable and observable not in each:
+            raise unknown("observable", each, at="nuisances", value=name, error=OptionError)
+        for owner in [observable] if observable else observables:
+            each[owner][word] = None
+    return {name: tuple(words) for name, words in each.items()}
+
+
+def _read_noise(run: PreparedRun, noise: Any) -> dict[str, float]:
+    """Return {observable: its noise in SI units}; OptionError."""
+    if noise is None:
+        return {}
+    if not isinstance(noise, Mapping):
+        texts = (noise,) if isinstance(noise, str) else noise
+        noise = dict(text.partition("=")[::2] for text in texts)
+    recording, sigmas = run.layout.recording, {}
+    for name, value in noise.items():
+        if name not in recording.names:
+            raise unknown("observable", recording.names, at="noise", value=name, error=OptionError)
+        sigma = _number(value, recording.observable(name).units)
+        if not 0.0 < sigma < np.inf:
+            rule = "expected OBSERVABLE=NUMBER above 0, e.g. omega=0.002"
+            raise OptionError(rule, at="noise", value=value)
+        sigmas[name] = sigma
+    return sigmas
+
+
+def _number(value: Any, units: str) -> float:
+    """Return a number in SI units, of a number or a text with or without a unit; nan for others."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        read = in_units(value, units, "noise")
+        return float(read) if isinstance(read, float) else np.nan

@@ -1,0 +1,107 @@
+"""Levenberg-Marquardt for many trials in lockstep, and the polish of the best ones.
+
+Each iteration is one run: it has the normal equations of all trials that still move. A trial steps
+by (N + damping diag N)^-1 g, with its own damping. Normal equations square the condition, so the
+best trials are polished on the Jacobian itself.
+Source: Nielsen, Damping parameter in Marquardt's method (1999); More, LNM 630 (1978) 105.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from rigidmc.studies.fit.problem import FitProblem, Sums
+from rigidmc.studies.fit.streams import Array
+
+LONGEST = 1.0  # of a step of ln J: trial bodies change by a factor e at most
+GAIN = 1e-3  # a step of less changes nothing that the data can tell
+MOST_DAMPED = 1e8  # no step of this damping has an effect: the trial rests
+
+
+class Solution(NamedTuple):
+    """Where the trials end.
+
+    x : coordinates (trials, size);  sums : there
+    is_settled : whether the cost of a trial no longer falls
+    iterations : runs of the members
+    """
+
+    x: Array
+    sums: Sums
+    is_settled: NDArray[np.bool_]
+    iterations: int
+
+
+def minimise(problem: FitProblem, x: Array, most: int = 60) -> Solution:
+    """Lower the cost of trials x (trials, size) until a step gains less than GAIN of the variance
+    of a residual. most : iterations"""
+    accuracy = GAIN / max(1, problem.residuals)
+    x, damping = np.array(x), np.full(x.shape[0], 1e-3)
+    # arrays that change below: not those of the run
+    sums = problem.sums(x)
+    matrix, gradient, cost = sums
+    moves, iterations = np.isfinite(cost), 1
+    while moves.any() and iterations < most:
+        some = np.flatnonzero(moves)
+        step, expected = damped_steps(matrix[some], gradient[some], damping[some])
+        ln_moments = slice(0, problem.parameters.mixed)
+        longest = np.abs(step[:, ln_moments]).max(1, initial=0.0)
+        step /= np.maximum(1.0, longest / LONGEST)[:, None]
+        # A drag below 0 would drive the body: a step ends at the limit of a parameter.
+        trial = np.clip(x[some] + step, problem.parameters.low, problem.parameters.high)
+        tried = problem.sums(trial)
+        iterations += 1
+        gain = cost[some] - tried.cost
+        better = gain > 0.0
+        took = some[better]
+        x[took] = trial[better]
+        matrix[took], gradient[took] = tried.matrix[better], tried.gradient[better]
+        # Nielsen: a step as good as expected divides the damping by up to 9.
+        ratio = np.clip(gain / np.maximum(expected, np.finfo(float).tiny), 0.0, 1.0)
+        factor = np.where(better, np.maximum(1.0 / 9.0, 1.0 - (2.0 * ratio - 1.0) ** 3), 4.0)
+        damping[some] = np.maximum(1e-12, damping[some] * factor)
+        small = np.where(better, gain, expected) <= accuracy * cost[some]
+        cost[took] = tried.cost[better]
+        moves[some[small | (damping[some] > MOST_DAMPED)]] = False
+    return Solution(x, Sums(matrix, gradient, cost), ~moves & np.isfinite(cost), iterations)
+
+
+def damped_steps(matrix: Array, gradient: Array, damping: Array) -> tuple[Array, Array]:
+    """Return (steps, the gains that a linear model expects) of trials.
+
+    In units in which the diagonal of the matrix is 1, so no unit of a parameter matters.
+    """
+    unit = np.sqrt(np.einsum("tii->ti", matrix))
+    unit[unit == 0.0] = 1.0  # a parameter that the data do not show does not move
+    scaled = matrix / (unit[:, :, None] * unit[:, None, :])
+    g = gradient / unit
+    step = np.linalg.solve(scaled + damping[:, None, None] * np.eye(g.shape[1]), g[..., None])[
+        ..., 0
+    ]
+    expected = np.einsum("ti,ti->t", step, 2.0 * g)
+    expected -= np.einsum("ti,tij,tj->t", step, scaled, step)
+    return step / unit, expected
+
+
+def polish(problem: FitProblem, solution: Solution, some: NDArray[np.int64]) -> Solution:
+    """Move some trials to their minima by the Jacobian itself, by trust regions."""
+    x, cost = np.array(solution.x), np.array(solution.sums.cost)
+    low, high = problem.parameters.low, problem.parameters.high
+    for i in some:
+        known: dict[bytes, tuple[Array, Array]] = {}
+
+        def at(y: Array, known: dict[bytes, tuple[Array, Array]] = known) -> tuple[Array, Array]:
+            if y.tobytes() not in known:
+                known.clear()
+                known[y.tobytes()] = problem.jacobian(y)
+            return known[y.tobytes()]
+
+        found = least_squares(
+            lambda y: at(y)[0], x[i], lambda y: at(y)[1], bounds=(low, high), x_scale="jac",
+            ftol=1e-12, xtol=1e-12, gtol=1e-14, max_nfev=40,
+        )  # fmt: skip
+        if 2.0 * found.cost < cost[i]:
+            x[i], cost[i] = found.x, 2.0 * found.cost
+    return solution._replace(x=x, sums=solution.sums._replace(cost=cost))

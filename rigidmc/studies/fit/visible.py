@@ -1,0 +1,98 @@
+"""What the data show of the parameters, in words.
+
+A direction in which no residual changes is found from J^T J. It is told as the parameters that may
+change together, and as what would fix them: to know any one of them.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.studies.fit.parameters import MOMENTS, FitParameters
+from rigidmc.studies.fit.streams import Array
+
+# A combination of parameters is not seen if it changes the residuals by less than 1e-7 of what its
+# parts would: J^T J has 16 digits, its square root 8.
+UNSEEN = 1e-14
+TAKES_PART = 1e-3  # least share of a parameter in a direction
+
+
+class Seen(NamedTuple):
+    """What the data show of the coordinates.
+
+    inverse : of J^T J, on what they show (size, size)
+    unseen : directions that they do not show (number, size)
+    unit : change of each coordinate that changes the residuals by 1 (size,)
+    """
+
+    inverse: Array
+    unseen: Array
+    unit: Array
+
+    @property
+    def shares(self) -> Array:
+        """Share of each coordinate in each direction, that of the largest being 1."""
+        size = np.abs(self.unseen) / self.unit
+        return np.asarray(size / size.max(1, keepdims=True, initial=0.0))
+
+    @property
+    def hidden(self) -> NDArray[np.bool_]:
+        """Which coordinates the data do not show alone (size,)."""
+        return np.asarray((self.shares > TAKES_PART).any(0))
+
+
+def seen(matrix: Array) -> Seen:
+    """Split the coordinates by the eigenvalues of J^T J (size, size), scaled to a diagonal of 1."""
+    unit = np.sqrt(np.diag(matrix))
+    unit = 1.0 / np.where(unit == 0.0, 1.0, unit)
+    scale = np.outer(unit, unit)
+    values, vectors = np.linalg.eigh(matrix * scale)
+    shown = values > UNSEEN * values[-1] * len(values)
+    inverse = (vectors[:, shown] / values[shown]) @ vectors[:, shown].T * scale
+    return Seen(inverse, simplest(vectors[:, ~shown].T) * unit, unit)
+
+
+def in_words(parameters: FitParameters, x: Array, shown: Seen) -> list[str]:
+    """Return a sentence for each direction that the data do not show."""
+    value, lines = parameters.values(x), []
+    for direction, share in zip(shown.unseen, shown.shares, strict=True):
+        taking = np.flatnonzero(share > TAKES_PART)
+        change = (direction @ parameters.slopes(x).T)[taking]
+        lines.append(_sentence([parameters.names[i] for i in taking], change, value[taking]))
+    return lines
+
+
+def _sentence(names: Sequence[str], change: Array, value: Array) -> str:
+    """Return one direction in words, given the changes of parameters and their values."""
+    if len(names) == 1:
+        return f"the data do not show {names[0]}: give it, or measure what depends on it"
+    with np.errstate(divide="ignore"):
+        relative = change / value
+    if all(name.startswith(MOMENTS) for name in names) and np.ptp(relative) < 1e-3 * relative.max():
+        return (
+            "the data show only ratios of the principal moments: one moment, the momentum of a"
+            " rotor or a known torque would fix their size"
+        )
+    by = (
+        100.0 / np.abs(relative).max()
+        if np.isfinite(relative).all()
+        else 1.0 / np.abs(change).max()
+    )
+    each = ", ".join(f"{name} {by * c:+.3g}" for name, c in zip(names, change, strict=True))
+    return f"the data do not show this common change: {each}; any one of them, known, fixes it"
+
+
+def simplest(directions: Array) -> Array:
+    """Return combinations of directions in which as few parameters as possible take part: the
+    reduced row echelon form, with the largest pivots."""
+    rows = np.array(directions)
+    for done in range(len(rows)):
+        rest = np.abs(rows[done:])
+        i, j = divmod(int(np.argmax(rest)), rest.shape[1])
+        rows[[done, done + i]] = rows[[done + i, done]]
+        rows[done] /= rows[done, j]
+        others = np.arange(len(rows)) != done
+        rows[others] -= rows[others, j][:, None] * rows[done]
+    return rows
