@@ -9,10 +9,11 @@ Reading order: `framework` (the record is in `framework/study`); `ftle`, the sho
 `basins`, `sensitivity`, `frequencies`, `section` (members of a design, by `framework/members`),
 `gradient` (members with derivatives), `stability_map` (parameters against measures), `rare`,
 `multilevel` and `lyapunov` (tasks, by `framework/tasks`), `propagate` (derivatives of one member
-beside an ensemble), `accuracy`, `stress` (integrators against truths) and `linearise` (steady
-motions), which `framework/work` computes in one call. Four files are verbs, not studies: `until`
-(grow an ensemble until a measure is known), `totals` (keep only sums over the members),
-`exact` (compare one top with its formula), `bits` (compare CPUs and GPUs).
+beside an ensemble), `accuracy`, `stress` (integrators against truths), `linearise` (steady
+motions) and `fit` (parameters from measured motion), which `framework/work` computes in one call.
+Four files are verbs, not studies: `until` (grow an ensemble until a measure is known), `totals`
+(keep only sums over the members), `exact` (compare one top with its formula), `bits` (compare CPUs
+and GPUs).
 
 Two promises never change: an answer carries its interval, or says why it has none; and it is the
 same for any number of threads, batches and restarts.

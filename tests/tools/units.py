@@ -289,6 +289,14 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
     def steady() -> Any:
         return rm.linearise(single, starts=4)
 
+    def fitted() -> Any:
+        ds = rm.simulate(single, members=1, save="omega", t_end=t, every=0.02 * t).isel(member=0)
+        # errors of a sensor, so that intervals are not those of rounding
+        omega = ds.omega.values + 0.01 / t * np.cos(2.0 * np.arange(ds.omega.size)).reshape(-1, 3)
+        data = {"t": ds.time.values, **{f"omega[{i + 1}]": omega[:, i] for i in range(3)}}
+        found = rm.fit(single, data, "start.omega", noise={"omega": 0.01 / t}, trials=2)
+        return {name: (found[name].values, "rad s-1") for name in ("value", "deviation")}
+
     def moving() -> Any:
         live = live_run(one, 2)
         started = {name: live.start[name] for name in ("moments", "mass")}
@@ -303,7 +311,7 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
         "section, every": periodic, "frequencies": spectra, "ftle": grown, "sensitivity": shares,
         "basins": sure, "rare, event": seldom, "rare, tail": tail, "multilevel": levels,
         "accuracy": ladder, "stress --scene": checked, "lyapunov": exponents,
-        "gradient": slope, "propagate": linear, "linearise": steady,
+        "gradient": slope, "propagate": linear, "linearise": steady, "fit": fitted,
     }  # fmt: skip
 
 

@@ -47,8 +47,8 @@ class Samples(NamedTuple):
     record : of each member
     sensor : (SENSOR_ROWS, members)
     columns_of : column of the derivative by each nuisance, -1 for a known one
-    chain : (mixed, mixed, members), derivatives of the first parameters of the motion by those of
-        the fit, which take their place
+    chain : (mixed, mixed, members), derivatives of the first parameters of the motion by the
+        coordinates of the fit, which take their place
     sums : (pairs + parameters + 1, members), pairs = parameters (parameters + 1)/2; or, if `keeps`
         is 1, residuals and derivatives (samples, channels, 1 + parameters, members)
     room : working memory of (JACOBIAN + 4 parameters + mixed) LANES numbers
@@ -143,7 +143,7 @@ def interpolate(frame, low):
     values = frame.channels + 1 if frame.kind == ATTITUDE else frame.channels
     pitch = frame.rows * frame.columns * frame.width
     for c in range(values):
-        # of an attitude, three numbers have derivatives: those of a rotation vector
+        # of an attitude, the three components of a rotation vector have derivatives
         derivatives = frame.moving if c < frame.channels else 0
         for d in range(1 + derivatives):
             at = ((frame.row + c) * frame.columns + d) * frame.width + frame.column + low
@@ -164,7 +164,7 @@ def interpolate(frame, low):
 
 
 def change_parameters(frame, low):
-    """Replace the derivatives by the first parameters of the motion by those of the fit.
+    """Replace the derivatives by the first parameters of the motion by derivatives by coordinates.
 
     After the sums it would be too late: the derivatives by two moments cancel in all digits where a
     second moment is 1e-5 of the others.
@@ -246,7 +246,7 @@ def put(room, row, column, lane, value):
 
 def compare_attitudes(frame, low, k):
     """Set data less model of an attitude: 2 vec(q* d), the rotation from the model q to the data d
-    in body axes. To first order in it, its derivatives are minus those of the model."""
+    in body axes. To first order in it, it changes by minus the derivatives of the model."""
     room, values = memory(frame.room, 1.0), memory(frame.values, 1.0)
     record = memory(frame.record, 1)
     for lane in range(LANES):

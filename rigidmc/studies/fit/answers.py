@@ -1,5 +1,6 @@
 """The answers of a fit: the distinct minima in which its trials end."""
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -38,7 +39,8 @@ def best_of(problem: FitProblem, solution: Solution) -> int:
         angle += np.linalg.norm(solution.x[:, parameters.index[0, columns]], axis=1)
     least = float(cost.min())
     alike = cost <= least + ALIKE * least / max(1, problem.residuals)
-    return int(np.argmin(np.where(alike, angle, np.inf)))
+    # to .1 rad: of the trials alike there, the first has the size of the scene's moments
+    return int(np.argmin(np.where(alike, np.round(angle, 1), np.inf)))
 
 
 def contenders(problem: FitProblem, solution: Solution) -> NDArray[np.int64]:
@@ -47,15 +49,15 @@ def contenders(problem: FitProblem, solution: Solution) -> NDArray[np.int64]:
     cost = solution.sums.cost
     best = int(np.argmin(cost))
     variance = float(cost[best]) / max(1, problem.residuals - problem.parameters.size)
-    return distinct(solution, best, variance).trials
+    return distinct(problem, solution, best, variance).trials
 
 
-def distinct(solution: Solution, best: int, variance: float) -> Answers:
+def distinct(problem: FitProblem, solution: Solution, best: int, variance: float) -> Answers:
     """Return the distinct minima among the trials, the trial `best` first.
 
-    A minimum that contradicts the data is no answer. Two trials are one answer if the step between
-    them changes the residuals by less than their noise: d^T N d <= variance. Steps along what the
-    data do not show change nothing.
+    A minimum that contradicts the data does not count. Two trials are one answer if the step
+    between them changes the residuals by less than their noise: d^T N d <= variance, to first
+    order, or as computed. Steps along what the data do not show change nothing, however long.
 
     variance : of a weighted residual
     """
@@ -63,11 +65,19 @@ def distinct(solution: Solution, best: int, variance: float) -> Answers:
     order = [int(i) for i in np.argsort(cost) if np.isfinite(cost[i])]
     order = [best, *(i for i in order if i != best)]
     ends = list[int]()
+    residuals = cache(lambda i: problem.jacobian(solution.x[i])[0])
+
+    def is_same(i: int, j: int) -> bool:
+        least = SAME * variance
+        if _distance(solution, i, j) <= least:
+            return True
+        return bool(np.sum((residuals(i) - residuals(j)) ** 2) <= least)
+
     for i in order:
         if cost[i] > cost[best] + HOPELESS * variance:
             break
         for j, trial in enumerate(left):
-            if _distance(solution, i, trial) <= SAME * variance:
+            if is_same(i, trial):
                 ends[j] += 1
                 break
         else:

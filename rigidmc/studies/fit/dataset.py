@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -9,6 +10,7 @@ from scipy import stats
 
 from rigidmc.engine.kernel.normal_equations import ATTITUDE
 from rigidmc.errors import RigidmcError
+from rigidmc.physics.effects import name_of
 from rigidmc.scene.parameters import units_at, with_parameters
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.varied import variables
@@ -45,6 +47,7 @@ VARIABLES = (
 
 
 def dataset_of(
+    scene: Scene,
     problem: FitProblem,
     solution: Solution,
     best: int,
@@ -54,11 +57,12 @@ def dataset_of(
 ) -> xr.Dataset:
     """Return the Dataset of a fit.
 
-    best : the trial of the answer;  found : what its residuals say;  torques : missing ones
+    scene : as the user gives it;  best : the trial of the answer
+    found : what its residuals say;  torques : missing ones
     """
     parameters, cost, x = problem.parameters, solution.sums.cost, solution.x[best]
     t, data, noise, names, which = problem.samples_in_order()
-    answers = distinct(solution, best, found.variance)
+    answers = distinct(problem, solution, best, found.variance)
     in_coordinates = found.covariance
     if torques and torques[0].gain > 0.0:
         in_coordinates = torques[0].covariance(problem, x)
@@ -92,10 +96,12 @@ def dataset_of(
         "sample_time": ("sample", t),
         "channel": ("sample", names),
         "channel_unit": ("sample", _channel_units(problem, names)),
-        "record": ("sample", which),
+        "record": ("sample", which + 1),
         "moment": list(AXES),
         "over": list(AXES),
         "torque": [torque.text for torque in torques],
+        "torque_parameter": ("torque", [_new_parameter(problem, torque) for torque in torques]),
+        "setting": ("torque", [_setting(torque.effect) for torque in torques]),
     }
     attrs = {
         "reduced_chi_square": found.variance,
@@ -103,12 +109,12 @@ def dataset_of(
         "lasting": found.error.lasting,
         "lasting_time": found.error.time,
         "lasting_gain": found.error.gain,
-        "unseen": in_words(parameters, x, found.shown),
+        "unseen": "\n".join(in_words(parameters, x, found.shown)),
         "residuals": found.residuals.size,
         "trials": solution.x.shape[0],
         "settled": int(solution.is_settled.sum()),
         "confidence": confidence,
-        "fitted": fitted_scene(problem, value, covariance).dumps(),
+        "fitted": fitted_scene(scene, problem, value, covariance).dumps(),
     }
     return make_dataset(VARIABLES, made, coordinates, attrs)
 
@@ -143,7 +149,7 @@ def _units(problem: FitProblem) -> list[str]:
 
 
 def _channel_units(problem: FitProblem, channels: Sequence[str]) -> list[str]:
-    """Return the SI units of channels; of an attitude, those of a rotation vector."""
+    """Return the SI units of channels; of an attitude, of a rotation vector."""
     recording, units = problem.run.layout.recording, dict[str, str]()
     for stream in problem.streams:
         unit = "rad" if stream.kind == ATTITUDE else recording.observable(stream.observable).units
@@ -151,7 +157,23 @@ def _channel_units(problem: FitProblem, channels: Sequence[str]) -> list[str]:
     return [units[channel] for channel in channels]
 
 
-def fitted_scene(problem: FitProblem, value: Array, covariance: Array) -> Scene:
+def _new_parameter(problem: FitProblem, torque: Candidate) -> str:
+    """Return the parameter that a fit with another torque has besides."""
+    known = {column.name for column in problem.parameters.columns}
+    return next(c.name for c in torque.problem.parameters.columns if c.name not in known)
+
+
+def _setting(effect: Any) -> str:
+    """Return an effect as a setting of a scene, KEY=VALUE."""
+    numbers = ((key, np.asarray(x).tolist()) for key, x in effect._asdict().items())
+    texts = (
+        f"{key}=[{', '.join(f'{y:.3g}' for y in x)}]" if isinstance(x, list) else f"{key}={x:.3g}"
+        for key, x in numbers
+    )
+    return f"effects.{name_of(effect)}={{{', '.join(texts)}}}"
+
+
+def fitted_scene(scene: Scene, problem: FitProblem, value: Array, covariance: Array) -> Scene:
     """Return the scene with the fitted numbers of its first record; vectors that have an
     uncertainty are drawn, with their covariance."""
     parameters, run = problem.parameters, problem.run
@@ -164,7 +186,7 @@ def fitted_scene(problem: FitProblem, value: Array, covariance: Array) -> Scene:
             some = covariance[np.ix_(places, places)]
             if column.size == 3 and not column.name.startswith("start.attitude"):
                 drawn[column.name] = Correlated(mean, _positive(some))
-    scene, known = run.scene.with_run(varied=None, wrt=()), variables(run.scene.model)
+    known = variables(run.scene.model)
     model = with_parameters(scene.model, certain, "free", known)
     try:
         return scene.with_model(with_parameters(model, drawn, "free", known))
@@ -176,7 +198,7 @@ def _positive(covariance: Array) -> tuple[tuple[float, ...], ...]:
     """Return a covariance whose least eigenvalue is above rounding: what the data do not show, as
     the size of all moments, has none."""
     values, vectors = np.linalg.eigh(covariance)
-    least = 1e-12 * max(values[-1], 1e-300)
+    least = 1e-12 * max(values[-1], 1e-300)  # 1e-300: where nothing varies, any positive number
     some = (vectors * np.maximum(values, least)) @ vectors.T
     some = 0.5 * (some + some.T)
     return tuple(tuple(map(float, row)) for row in some)

@@ -13,6 +13,7 @@ from rigidmc.physics.effects import label_effects, name_of
 from rigidmc.physics.effects.damping import AxialDamping, DryFriction, QuadraticDrag, ViscousDamping
 from rigidmc.physics.effects.torques import BodyTorque
 from rigidmc.scene.scene import Scene
+from rigidmc.studies.fit.answers import best_of
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.solve import minimise
 from rigidmc.studies.fit.starts import make_starts
@@ -85,7 +86,7 @@ def candidates(
             first = np.array(getattr(unit, field)) * size
             trials[-1 - i] = _moved(problem, x, larger, {name: first})
         solution = minimise(larger, trials)
-        best = int(np.argmin(solution.sums.cost))
+        best = best_of(larger, solution)
         n = problem.residuals
         fraction = solution.sums.cost[best] / cost
         more = larger.parameters.size - problem.parameters.size

@@ -1,6 +1,6 @@
 """The parameters of a fit: numbers of the scene and nuisances of sensors, as one vector.
 
-Numbers of a body and of effects belong to all records, those of a start to one record each. A fit
+Numbers of a body and of effects belong to all records, numbers of a start to one record each. A fit
 moves in coordinates in which every trial is a body: for principal moments these are u_i = ln J_i of
 the second moments J_i > 0, with I_1 = J_2 + J_3 and so on. All other parameters are coordinates
 themselves. Source: Wensing, Kim & Slotine, IEEE RA-L 3 (2018) 60.
@@ -17,14 +17,14 @@ from rigidmc.studies.fit.streams import NUISANCES, Array, Stream
 
 PAIRS = np.ones((3, 3)) - np.eye(3)  # I = PAIRS J
 MOMENTS = "body.moments"
-EXTREME = 20.0  # of ln J: a trial beyond a factor of 5e8 is no body that one holds
+EXTREME = 20.0  # of ln J: a trial beyond a factor of 5e8 cannot be held in a hand
 
 
 @dataclass(frozen=True)
 class Column:
     """A parameter of one record: a number or vector of the scene, or a nuisance of a sensor.
 
-    name : of the parameter;  first, size : its columns among those of a record
+    name : of the parameter;  first, size : its columns among all of a record
     stream : place of its stream, -1 for a number of the scene;  word : a nuisance, or ""
     is_shared : whether all records have the same
     """
@@ -38,14 +38,14 @@ class Column:
 
     @property
     def columns(self) -> slice:
-        """Its columns among those of a record."""
+        """Its columns among all of a record."""
         return slice(self.first, self.first + self.size)
 
 
 class FitParameters:
     """The layout of the parameters of a fit.
 
-    columns : of one record, those of the motion first, and moments before all others
+    columns : of one record, first what changes the motion, and moments before all others
     index : place in the vector of all parameters of each column of a record, (records, columns)
     names : of all parameters
     moving : number of columns that change the motion
@@ -60,7 +60,7 @@ class FitParameters:
         records: int,
         limits: Mapping[str, tuple[float, float]] = {},
     ) -> None:
-        """nominal : {parameter of the scene: its value};  shared : those of all records
+        """nominal : {parameter of the scene: its value};  shared : what all records have in common
         limits : {parameter of the scene: least and largest value of its components}
         """
         self.nominal = {name: np.atleast_1d(np.asarray(x, float)) for name, x in nominal.items()}
@@ -131,7 +131,7 @@ class FitParameters:
 
     def of_scene(self, x: Array) -> dict[str, Any]:
         """Return {parameter of the scene: values of each member, or their columns} of trials
-        (trials, size); members are the records of the first trial, then those of the next."""
+        (trials, size); members are the records of the first trial, then of the next."""
         rows = x[:, self.index].reshape(-1, self.index.shape[1])
         values = {}
         for column in self.columns:
@@ -150,7 +150,7 @@ class FitParameters:
     def chain(self, x: Array) -> Array:
         """Return the derivatives of the first `mixed` parameters by their coordinates, for each
         member: (mixed, mixed, members)."""
-        rows = x[:, self.index[:, : self.mixed]].reshape(-1, self.mixed)
+        rows = x[:, self.index[:, : self.mixed]].reshape(x.shape[0] * self.records, self.mixed)
         return np.ascontiguousarray(PAIRS[: self.mixed, : self.mixed, None] * np.exp(rows.T))
 
     def turns(self, x: Array) -> Array:

@@ -20,7 +20,7 @@ def data_and_model(
     study : the Dataset of `rigidmc.fit`
     """
     records = np.unique(study.record.values)
-    drawn = [record - 1] if record is not None else records[:MOST].tolist()
+    drawn = [record] if record is not None else records[:MOST].tolist()
     figure = figure or new_figure(
         f"{study.attrs['title']}: readings and fitted motion", (4.0 + 2.4 * len(drawn), 5.6)
     )
@@ -31,7 +31,7 @@ def data_and_model(
         part = study.isel(sample=study.record.values == number)
         _draw(panels[0, column], panels[1, column], part)
         if len(records) > 1:
-            panels[0, column].set_title(f"record {number + 1}", fontsize=9)
+            panels[0, column].set_title(f"record {number}", fontsize=9)
         panels[1, column].set_xlabel("time [s]")
     pairs = zip(study.channel.values, study.channel_unit.values, strict=True)
     names = {str(channel).partition("[")[0]: str(unit) for channel, unit in pairs}
@@ -51,9 +51,9 @@ def _draw(above: Axes, below: Axes, part: xr.Dataset) -> None:
         some = part.channel.values == name
         t, data = part.sample_time.values[some], part.data.values[some]
         model, noise = part.model.values[some], part.noise.values[some]
-        colour, style = COLOURS[i % len(COLOURS)], ("-", "--", ":")[i % 3]
-        above.plot(t, data, ".", ms=3.0, color=colour)
+        colour, style, mark = COLOURS[i % len(COLOURS)], ("-", "--", ":")[i % 3], "ox+"[i % 3]
+        above.plot(t, data, mark, ms=3.5, mfc="none", mew=0.6, color=colour)
         above.plot(t, model, style, lw=1.2, color=colour, label=in_symbols(name))
-        below.plot(t, (data - model) / noise, ".", ms=2.5, color=colour)
+        below.plot(t, (data - model) / noise, mark, ms=3.0, mfc="none", mew=0.6, color=colour)
     below.axhline(0.0, lw=0.8, color=GREY)
     above.tick_params(colors=INK)

@@ -176,7 +176,7 @@ class FitProblem:
 
     def jacobian(self, x: Array) -> tuple[Array, Array]:
         """Return all weighted residuals (n,) of one trial (size,), and their derivatives (n, size)
-        by its coordinates: those of the first stream, record by record, then of the next."""
+        by its coordinates: of the first stream, record by record, then of the next."""
         sink, index = self._moved(x[None], keeps=True), self.parameters.index
         records, n = index.shape
         turns, residuals, slopes = self.parameters.turns(x[None]), [], []

@@ -3,7 +3,7 @@
 A table is a CSV file, a mapping of columns, a DataFrame, or a Dataset. It holds one record, or
 several: one for each value of a column, or for each interval of time. `columns` names the columns
 of an observable and their unit, as in ``omega=gx,gy,gz:deg/s``; without it, columns named as in
-results and those of known exports are found.
+results and in known exports are found.
 """
 
 import os

@@ -12,7 +12,7 @@ from rigidmc.runs.prepare import PreparedRun, prepare_scene
 from rigidmc.scene.parameters import parameters_of, with_vectors
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.varied import nominal_of
-from rigidmc.studies.fit.parameters import FitParameters
+from rigidmc.studies.fit.parameters import MOMENTS, FitParameters
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.records import ColumnsOf, Record, read_records
 from rigidmc.studies.fit.streams import NUISANCES, Stream, high_frequency_noise, kind_of, padded
@@ -54,6 +54,10 @@ def make_problem(
     free : parameters of the scene;  own : those that differ between records, besides the start
     noise : of observables, as the user gives it;  nuisances : words such as bias and omega.bias
     """
+    for name in free:
+        if name.startswith(f"{MOMENTS}."):
+            rule = f"some trials of one moment alone are not bodies: fit {MOMENTS}"
+            raise OptionError(rule, at="free", value=name)
     run = prepare_scene(_with_saves(scene, free, records))
     nominal = run.scene.run.varied or {}
     for name in own:

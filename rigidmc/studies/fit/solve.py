@@ -39,7 +39,7 @@ def minimise(problem: FitProblem, x: Array, most: int = 60) -> Solution:
     of a residual. most : iterations"""
     accuracy = GAIN / max(1, problem.residuals)
     x, damping = np.array(x), np.full(x.shape[0], 1e-3)
-    # arrays that change below: not those of the run
+    # copies, because they change below
     sums = problem.sums(x)
     matrix, gradient, cost = sums
     moves, iterations = np.isfinite(cost), 1

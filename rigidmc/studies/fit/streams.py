@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 class Nuisance(NamedTuple):
     """An unknown property of a sensor.
 
-    row : of its derivatives among those of a sensor;  size : its components, 0 for one a channel
+    row : of its derivatives among all of a sensor;  size : its components, 0 for one a channel
     sensor_row : of its values, see `rigidmc.engine.kernel.normal_equations`
     unit : "" for the unit of the observable
     is_shared : whether all records of a sensor have the same
@@ -59,7 +59,7 @@ class Stream(NamedTuple):
     values : (records, samples, components), nan where missing
     noise : standard deviation of each channel, in the unit of the observable; nan if unknown
     nuisances : names of NUISANCES
-    mounting : rotation from body axes to those of the sensor, before any alignment
+    mounting : rotation from body axes to axes of the sensor, before any alignment
     """
 
     observable: str
@@ -136,12 +136,13 @@ def kind_of(dims: tuple[str, ...]) -> int:
 
 
 def high_frequency_noise(stream: Stream) -> Array:
-    """Return the noise of each channel from third differences of its records: those of a smooth
-    motion vanish, those of white noise have the variance 20 sigma^2."""
+    """Return the noise of each channel from third differences of its records, which
+    vanish for a smooth motion, and have the variance 20 sigma^2 for white noise."""
     noise = np.empty(stream.channels)
     for c in range(stream.channels):
         x = stream.values[..., c - stream.channels]  # the vector part of a quaternion
         third = np.diff(x, 3, axis=1)
         spread = np.sqrt(np.nanmean(third**2) / 20.0) if np.isfinite(third).any() else 0.0
         noise[c] = max(spread, 1e-9 * np.nanmax(np.abs(x)))
+    # a channel of zeros has no noise to scale by: any number does
     return np.where(noise > 0.0, noise, 1.0)

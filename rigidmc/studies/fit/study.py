@@ -25,26 +25,32 @@ SceneError
 
 Examples
 --------
-A racket tossed with a phone; rates of a free body show ratios of its moments alone:
+A racket tossed with a phone. Rates show ratios of moments, as long as no torque is known:
 
->>> free, nuisances = "body.moments,start.omega", "bias,alignment"
->>> study = rm.fit("tennis_racket", "toss", free, nuisances=nuisances, trials=40)
+>>> racket = rm.Scene.load("tennis_racket", {"effects.quadratic_drag.drag": 1e-5})
+>>> free = "body.moments,start.omega,effects.quadratic_drag.drag"
+>>> study = rm.fit(racket, "toss", free, nuisances="bias,alignment", trials=20)
 >>> study.ratio.sel(over="body.moments.3").values.round(2).tolist()
 [0.07, 0.94, 1.0]
 """
 
-from collections.abc import Sequence
+import math
+import re
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError
+from rigidmc.files.outputs import Path, write_bytes
 from rigidmc.processes.progress import say
+from rigidmc.results.labels import count_text, units_text
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.fit.answers import best_of, contenders
-from rigidmc.studies.fit.dataset import VARIABLES, dataset_of
+from rigidmc.studies.fit.dataset import AXES, VARIABLES, dataset_of
 from rigidmc.studies.fit.missing import Candidate, candidates
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.records import read_columns_option
@@ -52,12 +58,14 @@ from rigidmc.studies.fit.setup import make_problem, records_of
 from rigidmc.studies.fit.solve import minimise, polish
 from rigidmc.studies.fit.starts import make_starts
 from rigidmc.studies.fit.streams import NUISANCES
-from rigidmc.studies.fit.uncertainty import assess
+from rigidmc.studies.fit.uncertainty import SEEN, assess
 from rigidmc.studies.fit.visible import in_words, seen
 from rigidmc.studies.framework.members import refuse_noise
 from rigidmc.studies.framework.options import Names, Options, Words, confidence_option, option
-from rigidmc.studies.framework.study import Example, Study
+from rigidmc.studies.framework.study import Example, OutputFile, Study
 from rigidmc.studies.framework.work import Direct
+
+MOST_ANSWERS = 4  # printed besides the best: a screen has 24 lines
 
 
 class DataOptions(Options):
@@ -129,9 +137,7 @@ class FitOptions(Options):
     nuisances: Names | None = option(
         None, f"unknown properties of the sensors, of {', '.join(NUISANCES)}", metavar="NAME,..."
     )
-    each: Names | None = option(
-        None, "free parameters that differ between records, beside those of [start]"
-    )
+    each: Names | None = option(None, "free parameters that differ between records, beside [start]")
     trials: int = option(100, "first guesses from which the fit begins")
     confidence: float = confidence_option("confidence of the intervals")
 
@@ -160,36 +166,98 @@ def compute(scene: Scene, options: FitOptions, threads: int | None, progress: An
     if found.error.is_seen:
         cost = float(solution.sums.cost[best])
         torques = candidates(scene, problem, solution.x[best], cost, make)
-    return dataset_of(problem, solution, best, found, torques, options.confidence)
+    return dataset_of(scene, problem, solution, best, found, torques, options.confidence)
 
 
 def table(study: xr.Dataset) -> list[str]:
     """Return the study as lines of text."""
-    a = study.attrs
-    count, answers = study.sizes["parameter"], study.sizes["answer"]
+    a, records = study.attrs, int(study.record.max())
     lines = [
-        f"{a['title']}: {a['residuals']:,} readings, {count} parameters,"
+        f"{a['title']}: {a['residuals']:,} readings"
+        + f" of {records} records" * (records > 1)
+        + f", {count_text(study.sizes['parameter'], 'parameter')},"
         f" residuals {a['reduced_chi_square'] ** 0.5:.3g} times their noise"
     ]
-    lines += [f"  {text}" for text in np.atleast_1d(a["unseen"])]
-    for name, unit, value, deviation in zip(
-        study.parameter.values, study.unit.values, study.value.values[0], study.deviation.values,
-        strict=True,
-    ):  # fmt: skip
-        width = "not shown" if np.isinf(deviation) else f"+- {deviation:.2g}"
-        lines.append(f"  {name:32s} {value:14.7g} {width:>12s} {unit}")
-    if np.isfinite(study.ratio.values).all():
-        pairs = ((0, 2), (1, 2))
-        for i, j in pairs:
-            value, deviation = study.ratio.values[i, j], study.ratio_deviation.values[i, j]
-            lines.append(f"  I{i + 1}/I{j + 1} {value:.6g} +- {deviation:.2g}")
-    if answers > 1:
-        costs = ", ".join(f"{x:.4g}" for x in study.cost.values)
-        lines.append(f"  {answers} answers, with the costs {costs}")
-    for name, gain in zip(study.torque.values[:2], study.gain.values, strict=False):
-        if gain > 0.0:
-            lines.append(f"  the residuals suggest {name}: a gain of {gain:.4g} in ln likelihood")
+    lines += [f"  {text}" for text in a["unseen"].splitlines()]
+    rows = [("parameter", "value", "std. dev.", "unit"), *_rows(study)]
+    if np.isinf(study.deviation.values[_is_moment(study)]).any():
+        for i in range(2):
+            value, deviation = study.ratio.values[i, 2], study.ratio_deviation.values[i, 2]
+            rows.append((f"{AXES[i]}/{AXES[2]}", *in_digits(value, deviation), ""))
+    widths = [max(map(len, column)) for column in list(zip(*rows, strict=True))[:3]]
+    for name, value, deviation, unit in rows:
+        line = f"  {name:{widths[0]}}  {value:>{widths[1]}}  {deviation:>{widths[2]}}  {unit}"
+        lines.append(line.rstrip())
+    return lines + _other_answers(study) + _missing(study)
+
+
+def _is_moment(study: xr.Dataset) -> NDArray[np.bool_]:
+    return np.array([name in AXES for name in study.parameter.values])
+
+
+def in_digits(value: float, deviation: float) -> tuple[str, str]:
+    """Write a value with the digits that its standard deviation leaves, and the deviation."""
+    if not 0.0 < deviation < math.inf:
+        return f"{value:.4g}", "not shown" if deviation > 0.0 else "0"
+    leading = math.floor(math.log10(abs(value) or deviation)) - math.floor(math.log10(deviation))
+    digits = min(15, max(0, leading) + 2)
+    return f"{value:#.{digits}g}".rstrip("."), f"{deviation:.2g}"
+
+
+def _rows(study: xr.Dataset) -> Iterator[tuple[str, str, str, str]]:
+    """Yield the rows of the table of parameters; a number of each record is one row for all."""
+    families: dict[str, list[int]] = {}
+    for i, name in enumerate(study.parameter.values):
+        families.setdefault(re.sub(r"\[\d+\]", "", str(name)), []).append(i)
+    values, deviations = study.value.values[0], study.deviation.values
+    for name, some in families.items():
+        unit = units_text(str(study.unit.values[some[0]]))
+        if len(some) == 1:
+            yield (name, *in_digits(values[some[0]], deviations[some[0]]), unit)
+        else:
+            least, largest = values[some].min(), values[some].max()
+            width = in_digits(largest, deviations[some].max())[1]
+            yield f"{name} ({len(some)} records)", f"{least:.3g} to {largest:.3g}", width, unit
+
+
+def _other_answers(study: xr.Dataset) -> list[str]:
+    """Return lines about further answers, with the parameters of all records."""
+    lines, names = list[str](), [str(name) for name in study.parameter.values]
+    for i in range(1, study.sizes["answer"])[:MOST_ANSWERS]:
+        cost, least = study.cost.values[[i, 0]]
+        texts = [
+            f"{name} {value:.4g}"
+            for name, value in zip(names, study.value.values[i], strict=True)
+            if not name.startswith("start.") and "[" not in name
+        ]
+        lines.append(f"  another answer, cost {cost:.4g} beside {least:.4g}: {', '.join(texts)}")
+    if study.sizes["answer"] - 1 > MOST_ANSWERS:
+        lines.append(f"  {study.sizes['answer'] - 1 - MOST_ANSWERS} more answers in the Dataset")
     return lines
+
+
+def _missing(study: xr.Dataset) -> list[str]:
+    """Return lines about what the model leaves out."""
+    a = study.attrs
+    if not a["lasting_gain"] > SEEN:
+        return []
+    lines = [
+        f"  residuals are correlated over {a['lasting_time']:.2g} s: the model leaves something"
+        " out; the standard deviations allow for it"
+    ]
+    for i, gain in enumerate(study.gain.values[:2]):
+        if gain > 0.0:
+            name, setting = (str(study[key].values[i]) for key in ("torque", "setting"))
+            free = str(study.torque_parameter.values[i])
+            lines.append(f"  {name} gains {gain:.4g} in ln likelihood: --set {setting!r}")
+            lines[-1] = lines[-1].replace("'", '"') + f", and fit {free}"
+    return lines
+
+
+def save_scene(study: xr.Dataset, path: Path, force: bool) -> bool:
+    """Write the fitted scene."""
+    write_bytes(path, str(study.attrs["fitted"]).encode(), force)
+    return True
 
 
 fit = Study(
@@ -201,6 +269,7 @@ fit = Study(
     variables=VARIABLES,
     picture="data_and_model",
     picture_options=DataOptions,
+    files={"scene": OutputFile("scenes", "write the fitted scene (.toml)", save_scene)},
     scene_text="a scene, its file, or the name of a shipped scene: the body and its torques, with"
     " first guesses of the free parameters",
     example=Example(

@@ -25,6 +25,7 @@ from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.streams import Array
 from rigidmc.studies.fit.visible import Seen, seen
 
+SEEN = 4.6  # gain of a model error that white noise has with a chance of 1 % (chi^2, 2)
 MOST = 2000  # samples of a channel that the likelihood takes; of longer ones, means of neighbours
 
 
@@ -42,12 +43,12 @@ class ModelError(NamedTuple):
 
     @property
     def is_seen(self) -> bool:
-        """Whether the residuals are correlated: a gain of 4.6 has a chance of 1 % (chi^2, 2)."""
-        return self.gain > 4.6
+        """Whether the residuals are correlated."""
+        return self.gain > SEEN
 
 
 class Channels(NamedTuple):
-    """Residuals and their derivatives, those of each channel of each record side by side.
+    """Residuals and their derivatives, each channel of each record beside the others.
 
     steps : times since the sample before (samples, channels), 0 before the first
     rows : residual and derivatives (samples, channels, 1 + columns), 0 where there is no sample
@@ -156,7 +157,7 @@ def _likelihood(channels: Channels, basis: Array, ratio: float, time: float) -> 
     right = basis.T @ right
     count = int(is_there.sum()) - matrix.shape[0]
     left = float(information[:, 0, 0].sum() - right @ np.linalg.solve(matrix, right))
-    variance_of_all = max(left, 1e-300) / count
+    variance_of_all = max(left, 1e-300) / count  # 1e-300: its logarithm is a number
     determinant = float(np.linalg.slogdet(matrix)[1])
     return -0.5 * (count * math.log(variance_of_all) + logarithm + determinant), variance_of_all
 

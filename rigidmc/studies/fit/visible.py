@@ -1,7 +1,7 @@
 """What the data show of the parameters, in words.
 
-A direction in which no residual changes is found from J^T J. It is told as the parameters that may
-change together, and as what would fix them: to know any one of them.
+A direction in which no residual changes is found from J^T J. A sentence names the parameters
+that may change together, and what would fix them: to know any one of them.
 """
 
 from collections.abc import Sequence
@@ -46,6 +46,7 @@ class Seen(NamedTuple):
 def seen(matrix: Array) -> Seen:
     """Split the coordinates by the eigenvalues of J^T J (size, size), scaled to a diagonal of 1."""
     unit = np.sqrt(np.diag(matrix))
+    # a column of zeros stays one, whatever divides it
     unit = 1.0 / np.where(unit == 0.0, 1.0, unit)
     scale = np.outer(unit, unit)
     values, vectors = np.linalg.eigh(matrix * scale)
