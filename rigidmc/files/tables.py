@@ -1,4 +1,4 @@
-"""Tables of numbers in CSV files: separators, decimal commas, quoted cells and columns of text.
+"""Tables of numbers in text files: separators, decimal commas, quoted cells and columns of text.
 
 A file is read a few lines at a time, so that its memory and time grow with its numbers only. A note
 names a separator other than the comma, and decimal commas; what reads two ways is refused.
@@ -18,6 +18,8 @@ from rigidmc.files.opening import open_regular
 
 LINE = 2**20  # longest line, in characters: a hole of a sparse file reads as a line of gigabytes
 _LINES, _LETTERS = 20_000, 2**22  # lines and characters converted to numbers at once
+_KINDS = {" ": "spaces", "\t": "tabs"}
+_DATE = re.compile(r"\s*\d{4}-\d\d-\d\d([T ][\d:.]*Z?)?\s*$")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?|[+-]?\d+,(?:[eE][+-]?\d+)?")
 
 
@@ -43,12 +45,15 @@ class NumberTable(NamedTuple):
     notes: tuple[str, ...]
 
 
-def read_number_table(path: str | os.PathLike[str]) -> NumberTable:
-    """Return the columns of a CSV file, whose first line names them.
+def read_number_table(path: str | os.PathLike[str], is_measured: bool = False) -> NumberTable:
+    """Return the columns of a text file, whose first line names them.
 
-    Columns are separated by commas or semicolons, as the first line shows. With semicolons, numbers
-    may have decimal commas. Quoted cells are read as plain ones; a # outside quotes begins a
-    comment.
+    Columns are separated by commas, semicolons or tabs, as the first line shows. With semicolons or
+    tabs, numbers may have decimal commas. Quoted cells are read as plain ones; a # outside quotes
+    begins a comment.
+
+    is_measured : whether an empty cell is a gap, nan; a date of ISO 8601 a number of seconds since
+        1970; and a first line that begins with a # has names and columns separated by spaces
 
     Raises ValueError if lines differ in length, if a quoted text is not closed in its line, or if
     the text is not UTF-8 (UnicodeDecodeError is a ValueError), and FileError if it is not a text
@@ -56,19 +61,25 @@ def read_number_table(path: str | os.PathLike[str]) -> NumberTable:
     """
     with open(path, encoding="utf-8", opener=open_regular, newline=None) as file:
         first = read_line(file).lstrip("\ufeff")
-        separator = _separator(first)
+        separator = _separator(first, is_measured)
+        if separator == " ":  # a name has no space: "(rate 415 Hz)" is a remark
+            first = " ".join(re.sub(r"\([^()]*\s[^()]*\)", "", first.lstrip("# ")).split())
         names = [word.strip() for word in next(_cells([first], separator), [])]
-        columns = [_Column(separator == ";") for _ in names]
+        columns = [_Column(separator in ";\t", is_measured) for _ in names]
         rows = 0
         while lines := _some(file):
-            cells = list(_cells(map(_without_comment, lines), separator))
+            bare = [_without_comment(line) for line in lines]
+            if separator == " ":
+                bare = [" ".join(line.split()) for line in bare]
+            cells = list(_cells(bare, separator))
             for row, cell in enumerate(cells, rows + 1):
                 if len(cell) != len(names):
                     raise ValueError(_unequal(names, row, cell, separator))
             for column, words in zip(columns, zip(*cells, strict=True), strict=False):
                 column.add(words, rows)
             rows += len(cells)
-    notes = [f"columns are separated by '{separator}'"] * (separator != ",")
+    notes = [f"columns are separated by {_KINDS.get(separator, repr(separator))}"]
+    notes *= int(separator != ",")
     commas = any(column.commas for column in columns)
     notes += ["a comma is the decimal point"] * commas
     values = [None if commas and column.points else column.values() for column in columns]
@@ -78,8 +89,9 @@ def read_number_table(path: str | os.PathLike[str]) -> NumberTable:
 class _Column:
     """A column in progress."""
 
-    def __init__(self, may_have_commas: bool) -> None:
+    def __init__(self, may_have_commas: bool, is_measured: bool) -> None:
         self.may_have_commas, self.commas, self.points = may_have_commas, False, False
+        self.is_measured = is_measured
         self.pieces: list[NDArray[np.float64]] = []
         self.text: TextColumn | None = None
 
@@ -87,6 +99,8 @@ class _Column:
         """Add cells below `before` rows."""
         if self.text is not None:
             return
+        if self.is_measured:
+            words = tuple(word if word.strip() else "nan" for word in words)
         if self.may_have_commas:
             commas = [_DECIMAL_COMMA.fullmatch(word.strip()) is not None for word in words]
             self.points = self.points or any("." in word for word in words)
@@ -99,6 +113,9 @@ class _Column:
                 raise ValueError
             self.pieces.append(np.array(words, dtype=float))
         except ValueError:
+            if self.is_measured and (seconds := _seconds(words)) is not None:
+                self.pieces.append(seconds)
+                return
             row = next(i for i, word in enumerate(words) if not _is_number(word))
             self.text = TextColumn(before + row + 1, words[row][:80])
             self.pieces.clear()
@@ -109,6 +126,18 @@ class _Column:
         return np.concatenate(self.pieces) if self.pieces else np.empty(0)
 
 
+def _seconds(words: tuple[str, ...]) -> NDArray[np.float64] | None:
+    """Return the seconds of UTC since 1970 of dates; None for other text."""
+    if not all(_DATE.match(word) or word == "nan" for word in words):
+        return None
+    dates = ["NaT" if word == "nan" else word.strip().removesuffix("Z") for word in words]
+    try:
+        since = np.array(dates, "datetime64[ns]") - np.datetime64(0, "s")
+    except ValueError:
+        return None
+    return np.asarray(since / np.timedelta64(1, "s"))
+
+
 def _is_number(word: str) -> bool:
     try:
         float(word)
@@ -117,15 +146,19 @@ def _is_number(word: str) -> bool:
     return "_" not in word
 
 
-def _separator(first: str) -> str:
+def _separator(first: str, is_measured: bool) -> str:
     """Return the separator that the first line shows; ValueError for both kinds."""
     bare = re.sub(r'"(?:[^"]|"")*"', "", first)
     if ";" in bare and "," in bare:
         raise ValueError("its first line has commas and semicolons: separate columns by one kind")
-    return ";" if ";" in bare else ","
+    if ";" in bare or "," in bare:
+        return ";" if ";" in bare else ","
+    if "\t" in bare:
+        return "\t"
+    return " " if is_measured and bare.startswith("#") else ","
 
 
-def _cells(lines: Iterator[str] | list[str], separator: str) -> Iterator[list[str]]:
+def _cells(lines: list[str], separator: str) -> Iterator[list[str]]:
     """Return the cells of each line that is not blank; ValueError for a quoted text beyond its
     line."""
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=True, strict=True)
@@ -151,8 +184,8 @@ def _without_comment(line: str) -> str:
 
 def _unequal(names: list[str], row: int, cells: list[str], separator: str) -> str:
     cure = "columns are separated by commas: with decimal commas, separate them by semicolons"
-    if separator == ";":
-        cure = "the first line separates columns by semicolons"
+    if separator != ",":
+        cure = f"the first line separates columns by {_KINDS.get(separator, 'semicolons')}"
     elif any(";" in cell for cell in cells):
         cure = "separate the names by semicolons, too"
     return (

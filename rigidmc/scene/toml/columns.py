@@ -37,7 +37,7 @@ def read_columns(folder: str, file: str, names: list[str], at: str) -> tuple[Arr
         raise SceneError(f"no such file in {where}", at=at, value=file)
     is_text = file.lower().endswith(".csv")
     try:
-        columns = _csv(path, file) if is_text else _netcdf(path)
+        columns = read_text_columns(path, file) if is_text else _netcdf(path)
     except ValueError as error:
         raise SceneError(getattr(error, "rule", str(error)), at=at, value=file) from None
     for name in names:
@@ -65,10 +65,13 @@ def _finite(column: Any, file: str, name: str, at: str) -> Array:
     return values
 
 
-def _csv(path: str, file: str) -> dict[str, Any]:
-    """Return {name: numbers, or the rule that forbids the column} of a CSV file; ValueError."""
+def read_text_columns(path: str, file: str, is_measured: bool = False) -> dict[str, Any]:
+    """Return {name: numbers, or the rule that forbids the column} of a text file; ValueError.
+
+    is_measured : see `rigidmc.files.tables.read_number_table`
+    """
     try:
-        table = read_number_table(path)
+        table = read_number_table(path, is_measured)
     except UnicodeDecodeError:
         raise ValueError("is not UTF-8 text") from None
     except RigidmcError:

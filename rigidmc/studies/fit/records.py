@@ -1,30 +1,39 @@
 """Records: measured samples of observables, read from tables.
 
-A table is a CSV file, a mapping of columns, a DataFrame, or a Dataset. It holds one record, or
-several: one for each value of a column, or for each interval of time. `columns` names the columns
-of an observable and their unit, as in ``omega=gx,gy,gz:deg/s``; without it, columns named as in
-results and in known exports are found.
+A table is a text file, a result, a mapping of columns, a DataFrame, or a Dataset. It holds one
+record, or several: one for each value of a column, or for each interval of time. `columns` names
+the columns of an observable and their unit, as in ``omega=gx,gy,-gz:deg/s``; without it, columns
+named as in results and those of gyroscopes are found, also in exports of phyphox and Sensor Logger.
 """
 
 import os
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rigidmc.errors import OptionError, SceneError, in_file, unknown
-from rigidmc.files.tables import TextColumn, read_number_table
 from rigidmc.inputs.units import converter, unit_of
+from rigidmc.results.reader import open_result
+from rigidmc.scene.toml.columns import read_text_columns
 from rigidmc.studies.fit.streams import Array
 
 SHIPPED = ("toss",)  # records beside this file, by name: a racket tossed with a phone, simulated
-TIMES = ("t", "time", "t_s", "Time (s)", "seconds_elapsed")  # names of a column of times, by rank
-# columns of known exports, x, y and z of the rates: phyphox, Sensor Logger
-EXPORTS = (tuple(f"Gyroscope {axis} (rad/s)" for axis in "xyz"), ("x", "y", "z"))
-_UNIT = re.compile(
-    r"[\[(]([^\])]*[A-Za-z][^\])]*)[\])]\s*$"
-)  # of a name: "Time (s)", not "omega[1]"
+TIMES = ("t", "seconds_elapsed", "time", "timestamp", "date", "utc", "datetime")  # by rank
+EPOCH = 1e11  # a time since 1970 in seconds is below this until the year 5138
+RATES = 1.02  # ratio of rates, stated and of the times, that may be rounding
+# units that a name states: "Time (s)" and "w [deg/s]", but not "omega[1]"; "t_ms", "wx_rad_s"
+_IN_BRACKETS = re.compile(r"\s*[\[(]([^\])]*[A-Za-z][^\])]*)[\])]\s*$")
+_SUFFIX = re.compile(r"_((?:[mu]?rad|deg|rev)_(?:s|min|h|d|day)|[mun]?s|min|h|d|rpm)$")
+# names of rates about x, y or z without their units, the surest first: "Gyroscope x", "wx", "x"
+_RATES = (
+    re.compile(r"(?:gyro(?:scope)?|gyr|rotation ?rate|angular ?(?:rate|velocity)|omega)([xyz])"),
+    re.compile(r"[gw]([xyz123])"),
+    re.compile(r"([xyz])"),
+)
+_OTHER = re.compile(r"(total)?(accel|gravity|magnet|orient|baro|location)", re.IGNORECASE)
 
 
 class ColumnsOf(NamedTuple):
@@ -42,11 +51,13 @@ class Record(NamedTuple):
 
     name : in messages and results
     times : of each observable [s], as measured;  values : (samples, components) in SI units
+    notes : about its table, in sentences
     """
 
     name: str
     times: Mapping[str, Array]
     values: Mapping[str, Array]
+    notes: tuple[str, ...] = ()
 
 
 def read_columns_option(value: Any, at: str) -> dict[str, ColumnsOf]:
@@ -85,13 +96,15 @@ def read_records(
     time: str | None = None,
     split: str | None = None,
     between: Sequence[tuple[float, float]] = (),
+    rate: float | None = None,
 ) -> list[Record]:
     """Return the records of a table, or of several tables.
 
     columns : of each observable; {} to find them by their names
     units, sizes : SI unit and number of components of each observable that a table may have
-    time : column of the times;  split : column whose values are records
+    time : column of the times, NAME or NAME:UNIT;  split : column whose values are records
     between : intervals of time, a record each
+    rate : of the samples [1/s], for a table without times
 
     Raises OptionError or SceneError for a table without these columns, for times that do not rise,
     and for records without samples.
@@ -102,67 +115,97 @@ def read_records(
         name = os.path.basename(table) if isinstance(table, (str, os.PathLike)) else "data"
         with in_file(str(name)):
             made = _table(table)
-            wanted = columns or _found(made, sizes)
-            records += list(_records(made, wanted, units, sizes, time, split, between, str(name)))
+            wanted = columns or _found(made, sizes, str(name))
+            t, notes = _times(made, time, rate)
+            some = _records(made, t, wanted, units, sizes, split, between, str(name))
+            records += [record._replace(notes=notes) for record in some]
     if len(tables) > 1 or len(records) > 1:
         return records
     return [records[0]._replace(name="data")]
 
 
-def _table(data: Any) -> dict[str, Array]:
-    """Return {name: column} of a file or an object; OptionError."""
+def _table(data: Any) -> dict[str, Any]:
+    """Return {name: column, or the rule that forbids it} of a file or an object; OptionError."""
     if isinstance(data, (str, os.PathLike)):
-        if not os.path.exists(data) and str(data) in SHIPPED:
-            data = os.path.join(os.path.dirname(__file__), f"{data}.csv")
-        if not os.path.exists(data):
-            raise OptionError("no such file", at="data", value=str(data))
+        path = os.fspath(data)
+        if not os.path.exists(path) and path in SHIPPED:
+            path = os.path.join(os.path.dirname(__file__), f"{path}.csv")
+        if not os.path.exists(path):
+            raise OptionError("no such file", at="data", value=path)
+        if path.lower().endswith((".nc", ".zarr")):
+            return _of_dataset(open_result(path))
         try:
-            table = read_number_table(data)
+            columns = read_text_columns(path, os.path.basename(path), is_measured=True)
         except ValueError as error:
-            raise OptionError(
-                getattr(error, "rule", str(error)), at="data", value=str(data)
-            ) from None
-        pairs = zip(table.names, table.columns, strict=True)
-        return {
-            name: np.full(table.rows, np.nan)
-            if isinstance(column, TextColumn) or column is None
-            else column
-            for name, column in pairs
-        }
+            raise OptionError(getattr(error, "rule", str(error)), at="data", value=path) from None
+        return {name.removeprefix("#").strip(): column for name, column in columns.items()}
     if hasattr(data, "data_vars"):
         return _of_dataset(data)
+    if hasattr(data, "reset_index") and data.index.name is not None:
+        data = data.reset_index()
     if not hasattr(data, "keys"):
-        rule = "expected the path of a CSV file, a mapping of columns, a DataFrame or a Dataset"
+        rule = "expected the path of a table, a mapping of columns, a DataFrame or a Dataset"
         raise OptionError(rule, at="data", value=type(data).__name__)
-    return {str(name): np.asarray(data[name], float) for name in data.keys()}  # noqa: SIM118
+    if len(set(data.keys())) < len(data.keys()):
+        rule = f"several columns have the name {Counter(data.keys()).most_common(1)[0][0]}"
+        raise OptionError(rule, at="data")
+    return _vectors({str(name): np.asarray(data[name]) for name in data.keys()})  # noqa: SIM118
 
 
-def _of_dataset(data: Any) -> dict[str, Array]:
-    """Return the columns of a Dataset with the dimension time: NAME, or NAME[1], ... of vectors."""
+def _of_dataset(data: Any) -> dict[str, Any]:
+    """Return the columns of a Dataset with the dimension time."""
     columns = {}
     for name, variable in data.variables.items():
         if "time" not in variable.dims:
             continue
-        values = np.squeeze(variable.transpose("time", ...).values)
-        if values.ndim == 1:
-            columns[str(name)] = values.astype(float)
-        elif values.ndim == 2:
-            columns |= {f"{name}[{i + 1}]": values[:, i] for i in range(values.shape[1])}
-        else:
-            rule = f"{name} has the dimensions {variable.dims}: select one member"
-            raise OptionError(rule, at="data")
-    return columns
+        other = [
+            n for n in variable.dims if n not in ("time", "axis", "quat") and data.sizes[n] > 1
+        ]
+        if other:
+            rule = f"{name} has {data.sizes[other[0]]} values of {other[0]}: select one"
+            raise OptionError(rule, at="data", value=str(name))
+        values = variable.transpose("time", ...).values
+        columns[str(name)] = values.reshape(len(values), -1) if values.ndim > 1 else values
+    return _vectors(columns)
 
 
-def _found(table: Mapping[str, Array], sizes: Mapping[str, int]) -> dict[str, ColumnsOf]:
+def _vectors(columns: Mapping[str, Any]) -> dict[str, Any]:
+    """Return columns of numbers, or why they are none, of the same length: NAME[1], ... of vectors;
+    OptionError."""
+    made, rows = dict[str, Any](), {len(np.atleast_1d(x)) for x in columns.values()}
+    if len(rows) > 1:
+        each = ", ".join(f"{name} {len(np.atleast_1d(x))}" for name, x in columns.items())
+        raise OptionError(f"columns differ in length: {each}", at="data")
+    for name, x in columns.items():
+        if x.dtype.kind in "mM":  # a time, or a time since 1970
+            x = np.where(np.isnat(x), np.nan, x.astype(f"{x.dtype.kind}8[ns]").astype(float) * 1e-9)
+        try:
+            x = x.astype(float)
+        except (TypeError, ValueError):
+            made[name] = "has text, not numbers"
+            continue
+        parts = {f"{name}[{i + 1}]": part for i, part in enumerate(x.T)} if x.ndim == 2 else {}
+        made |= parts if x.ndim == 2 and x.shape[1] > 1 else {name: x.ravel()}
+    return made
+
+
+def _bare(name: str) -> str:
+    """Return a name without its unit, spaces and marks, in lower case."""
+    return re.sub(r"[\s_.\-]", "", _SUFFIX.sub("", _IN_BRACKETS.sub("", name))).lower()
+
+
+def _found(table: Mapping[str, Any], sizes: Mapping[str, int], file: str) -> dict[str, ColumnsOf]:
     """Return the columns of the observables that a table names; OptionError without any."""
     found = {}
     for name, size in sizes.items():
         names = (name,) if size == 1 else tuple(f"{name}[{i + 1}]" for i in range(size))
         if set(names) <= table.keys():
             found[name] = ColumnsOf(names, "")
-    for names in EXPORTS:
-        if not found and set(names) <= table.keys():
+    for pattern in _RATES:
+        matches = [(match[1], name) for name in table if (match := pattern.fullmatch(_bare(name)))]
+        names = tuple(name for _, name in sorted(matches))
+        is_other = pattern is _RATES[-1] and _OTHER.match(file)  # Accelerometer.csv has x, y and z
+        if not found and len(names) == 3 == len(dict(matches)) and not is_other:
             found["omega"] = ColumnsOf(names, "")
     if not found:
         rule = (
@@ -173,24 +216,51 @@ def _found(table: Mapping[str, Array], sizes: Mapping[str, int]) -> dict[str, Co
     return found
 
 
-def _column(table: Mapping[str, Array], name: str, at: str) -> Array:
+def _column(table: Mapping[str, Any], name: str, at: str) -> Array:
     if name not in table:
         raise unknown("column", table, at=at, value=name, error=OptionError)
-    return table[name]
+    if isinstance(table[name], str):
+        raise OptionError(table[name], at=at, value=name)
+    return np.asarray(table[name], float)
+
+
+def _times(
+    table: Mapping[str, Any], time: str | None, rate: float | None
+) -> tuple[Array, tuple[str, ...]]:
+    """Return (times [s], notes) of a table; OptionError without times and rate."""
+    name, unit = time or "", ""
+    if time is None:
+        name = next((key for word in TIMES for key in table if _bare(key) == _bare(word)), "")
+        if not name and rate is not None:
+            return np.arange(len(next(iter(table.values())))) / rate, ()
+        if not name:
+            rule = f"no column of times among {', '.join(list(table)[:12])}: name it, or give rate"
+            raise OptionError(rule, at="time")
+    elif name not in table and ":" in name:
+        name, _, unit = name.rpartition(":")
+    t = _column(table, name, "time") * _factor(name, unit, "s")
+    known = t[np.isfinite(t)]
+    if known.size and np.abs(known).max() > EPOCH:
+        rule = f"starts at {known[0]:.4g} s, which is no time since 1970: state its unit"
+        raise OptionError(f"{rule}, e.g. --time {name}:ns", at="time", value=name)
+    notes = list[str]()
+    if known.size < t.size:
+        notes.append(f"{t.size - known.size:,} rows have no time and are left out")
+    if rate is not None and known.size > 1:
+        seen = 1.0 / float(np.median(np.diff(known)))
+        if not 1.0 / RATES < seen / rate < RATES:
+            notes.append(
+                f"the times of {name} have {seen:.4g} samples a second, not the rate {rate:g} that"
+                " is stated: the times are taken"
+            )
+    return t, tuple(notes)
 
 
 def _records(
-    table: Mapping[str, Array], columns: Mapping[str, ColumnsOf], units: Mapping[str, str],
-    sizes: Mapping[str, int], time: str | None, split: str | None,
-    between: Sequence[tuple[float, float]], name: str,
+    table: Mapping[str, Any], t: Array, columns: Mapping[str, ColumnsOf], units: Mapping[str, str],
+    sizes: Mapping[str, int], split: str | None, between: Sequence[tuple[float, float]], name: str,
 ) -> Iterator[Record]:  # fmt: skip
-    """Yield the records of a table."""
-    if time is None:
-        time = next((word for word in TIMES if word in table), "")
-        if not time:
-            rule = f"no column of times among {', '.join(list(table)[:12])}: name it"
-            raise OptionError(rule, at="time")
-    t = _column(table, time, "time") * _factor(time, "", "s")
+    """Yield the records of a table with the times t."""
     values = {}
     for observable, (names, unit) in columns.items():
         if observable not in sizes:
@@ -198,10 +268,12 @@ def _records(
         if len(names) != sizes[observable]:
             rule = f"{observable} has {sizes[observable]} components, but {len(names)} columns"
             raise OptionError(rule, at="columns", value=",".join(names))
-        parts = [
-            _column(table, word, "columns") * _factor(word, unit, units[observable])
-            for word in names
-        ]
+        parts = []
+        for word in names:
+            is_negated = word not in table and word.startswith("-")
+            word = word[1:] if is_negated else word
+            factor = _factor(word, unit, units[observable])
+            parts.append(_column(table, word, "columns") * (-factor if is_negated else factor))
         values[observable] = np.stack(parts, axis=1)
     groups = [(name, np.isfinite(t))]
     if split is not None:
@@ -209,17 +281,23 @@ def _records(
         groups = [(f"{split} {x:g}", (which == x) & np.isfinite(t)) for x in np.unique(which)]
     for label, some in groups:
         for low, high in between or ((-np.inf, np.inf),):
-            inside = some & (t >= low) & (t <= high)
+            inside = np.flatnonzero(some & (t >= low) & (t <= high))
             more = f"{label} {low:g} to {high:g} s" if between else label
-            yield _record(more, t[inside], {k: x[inside] for k, x in values.items()})
+            yield _record(more, inside + 1, t[inside], {k: x[inside] for k, x in values.items()})
 
 
-def _record(name: str, t: Array, values: Mapping[str, Array]) -> Record:
-    """Return a record, each observable with the samples that it has; OptionError."""
+def _record(name: str, rows: Any, t: Array, values: Mapping[str, Array]) -> Record:
+    """Return a record, each observable with the samples that it has; OptionError.
+
+    rows : of the samples in the table, from 1
+    """
     rises = np.diff(t) > 0.0
     if not rises.all():
-        row = int(np.argmin(rises)) + 1
-        rule = f"times do not rise: {t[row - 1]:.9g} s is followed by {t[row]:.9g} s in {name}"
+        i = int(np.argmin(rises))
+        rule = (
+            f"times do not rise in {name}: row {rows[i]} has {t[i]:.9g} s, row {rows[i + 1]}"
+            f" {t[i + 1]:.9g} s ({np.count_nonzero(~rises):,} such rows)"
+        )
         raise OptionError(rule, at="time")
     times, samples = {}, {}
     for observable, x in values.items():
@@ -233,11 +311,22 @@ def _record(name: str, t: Array, values: Mapping[str, Array]) -> Record:
 
 def _factor(name: str, unit: str, wanted: str) -> float:
     """Return the factor to SI of a column: of its unit, or of one that its name states."""
-    if not unit and (match := _UNIT.search(name)):
-        unit = match[1]
-    if not unit:
-        return 1.0
-    try:
-        return float(converter(unit, wanted, "columns").convert(1.0))
-    except SceneError as error:
-        raise OptionError(f"{name}: {error.rule}", at="columns", nearest=error.nearest) from None
+    stated = ""
+    if match := _IN_BRACKETS.search(name) or _SUFFIX.search(name):
+        stated = match[1] if match.re is _IN_BRACKETS else match[1].replace("_", "/")
+        stated = stated.replace("day", "d")
+    factors = []
+    for text in (unit, stated):
+        try:
+            if text:
+                factors.append(float(converter(text, wanted, "columns").convert(1.0)))
+        except SceneError as error:
+            if match and match.re is _SUFFIX and text == stated:
+                continue  # a name that ends like a unit
+            raise OptionError(
+                f"{name}: {error.rule}", at="columns", nearest=error.nearest
+            ) from None
+    if len(factors) == 2 and factors[0] != factors[1]:
+        rule = f"the name of {name} states {stated}, but its unit is given as {unit}"
+        raise OptionError(rule, at="columns", value=unit)
+    return factors[0] if factors else 1.0

@@ -30,6 +30,7 @@ def records_of(
     time: str | None,
     split: str | None,
     between: Sequence[tuple[float, float]],
+    rate: float | None = None,
 ) -> list[Record]:
     """Return the records of the data of a scene; see `rigidmc.studies.fit.records`."""
     saved = tuple(dict.fromkeys([*columns, *BY_NAME]))
@@ -37,7 +38,7 @@ def records_of(
     observables = {name: recording.observable(name) for name in saved}
     units = {name: observable.units for name, observable in observables.items()}
     sizes = {name: size(observable.dims) for name, observable in observables.items()}
-    return read_records(data, columns, units, sizes, time, split, between)
+    return read_records(data, columns, units, sizes, time, split, between, rate)
 
 
 def make_problem(

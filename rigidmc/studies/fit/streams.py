@@ -136,13 +136,23 @@ def kind_of(dims: tuple[str, ...]) -> int:
 
 
 def high_frequency_noise(stream: Stream) -> Array:
-    """Return the noise of each channel from third differences of its records, which
-    vanish for a smooth motion, and have the variance 20 sigma^2 for white noise."""
-    noise = np.empty(stream.channels)
+    """Return the noise of each channel from third divided differences of its records, scaled to the
+    variance of one reading: those of a smooth motion vanish.
+
+    A channel that always reads the same has the noise of the others: it may be a sensor that hangs.
+    """
+    shown = stream.times[:, np.arange(stream.times.shape[1] - 3)[:, None] + np.arange(4)]
+    apart = shown[..., :, None] - shown[..., None, :] + np.eye(4)
+    span = shown[..., 3] - shown[..., 0]
+    has_gap = ~(span <= 2.0 * np.nanmedian(span)) if span.size else span > 0.0
+    weight = np.where(has_gap, np.nan, 1.0)[..., None] / apart.prod(-1)
+    weight /= np.linalg.norm(weight, axis=-1, keepdims=True)
+    values = stream.values[..., -stream.channels :]  # the vector part of a quaternion
+    noise = np.zeros(stream.channels)
     for c in range(stream.channels):
-        x = stream.values[..., c - stream.channels]  # the vector part of a quaternion
-        third = np.diff(x, 3, axis=1)
-        spread = np.sqrt(np.nanmean(third**2) / 20.0) if np.isfinite(third).any() else 0.0
-        noise[c] = max(spread, 1e-9 * np.nanmax(np.abs(x)))
-    # a channel of zeros has no noise to scale by: any number does
-    return np.where(noise > 0.0, noise, 1.0)
+        x = values[..., c]
+        third = sum(weight[..., i] * x[:, i : x.shape[1] - 3 + i] for i in range(4))
+        if np.isfinite(third).any() and np.nanmax(x) > np.nanmin(x):
+            noise[c] = max(np.sqrt(np.nanmean(third**2)), 1e-9 * np.nanmax(np.abs(x)))
+    other = noise.max()
+    return np.where(noise > 0.0, noise, other if other > 0.0 else 1.0)

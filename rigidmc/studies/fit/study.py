@@ -58,6 +58,7 @@ from rigidmc.studies.fit.setup import make_problem, records_of
 from rigidmc.studies.fit.solve import minimise, polish
 from rigidmc.studies.fit.starts import make_starts
 from rigidmc.studies.fit.streams import NUISANCES
+from rigidmc.studies.fit.suspicions import examine
 from rigidmc.studies.fit.uncertainty import SEEN, assess
 from rigidmc.studies.fit.visible import in_words, seen
 from rigidmc.studies.framework.members import refuse_noise
@@ -119,6 +120,9 @@ class FitOptions(Options):
         kind="mapping or str",
     )
     time: str | None = option(None, "column of the times")
+    rate: float | None = option(
+        None, "samples a second, of a table without times", above=0.0, unit="1/s"
+    )
     split: str | None = option(None, "column whose values are separate records of the body")
     between: Words | None = option(
         None,
@@ -147,7 +151,10 @@ def compute(scene: Scene, options: FitOptions, threads: int | None, progress: An
     refuse_noise(scene.effects)
     columns, threads = options.columns or {}, threads or threads_available()
     intervals: Any = options.between or ()
-    records = records_of(scene, options.data, columns, options.time, options.split, intervals)
+    source = options.data, columns, options.time, options.split, intervals, options.rate
+    records, notes = examine(scene, records_of(scene, *source), options.nuisances or ())
+    for line in notes if progress else ():
+        say(line)
 
     def make(moved: Scene, more: Sequence[str] = ()) -> FitProblem:
         free, own, nuisances = (*options.free, *more), options.each or (), options.nuisances or ()
@@ -166,7 +173,8 @@ def compute(scene: Scene, options: FitOptions, threads: int | None, progress: An
     if found.error.is_seen:
         cost = float(solution.sums.cost[best])
         torques = candidates(scene, problem, solution.x[best], cost, make)
-    return dataset_of(scene, problem, solution, best, found, torques, options.confidence)
+    made = dataset_of(scene, problem, solution, best, found, torques, options.confidence)
+    return made.assign_attrs(notes="\n".join(notes))
 
 
 def table(study: xr.Dataset) -> list[str]:
@@ -178,7 +186,7 @@ def table(study: xr.Dataset) -> list[str]:
         + f", {count_text(study.sizes['parameter'], 'parameter')},"
         f" residuals {a['reduced_chi_square'] ** 0.5:.3g} times their noise"
     ]
-    lines += [f"  {text}" for text in a["unseen"].splitlines()]
+    lines += [f"  {text}" for key in ("notes", "unseen") for text in a[key].splitlines()]
     rows = [("parameter", "value", "std. dev.", "unit"), *_rows(study)]
     if np.isinf(study.deviation.values[_is_moment(study)]).any():
         for i in range(2):
