@@ -71,7 +71,7 @@ def read_number_table(path: str | os.PathLike[str], is_measured: bool = False) -
             bare = [_without_comment(line) for line in lines]
             if separator == " ":
                 bare = [" ".join(line.split()) for line in bare]
-            cells = list(_cells(bare, separator))
+            cells = list(_cells(bare, separator, is_measured))
             for row, cell in enumerate(cells, rows + 1):
                 if len(cell) != len(names):
                     raise ValueError(_unequal(names, row, cell, separator))
@@ -158,9 +158,9 @@ def _separator(first: str, is_measured: bool) -> str:
     return " " if is_measured and bare.startswith("#") else ","
 
 
-def _cells(lines: list[str], separator: str) -> Iterator[list[str]]:
+def _cells(lines: list[str], separator: str, are_gaps: bool = False) -> Iterator[list[str]]:
     """Return the cells of each line that is not blank; ValueError for a quoted text beyond its
-    line."""
+    line. are_gaps : whether a line of empty cells is not blank"""
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=True, strict=True)
     count = 0
     try:
@@ -168,7 +168,7 @@ def _cells(lines: list[str], separator: str) -> Iterator[list[str]]:
             count += 1
             if reader.line_num != count:
                 raise ValueError('a quoted text does not end in its line: close it by "')
-            if any(cell.strip() for cell in cells):
+            if any(cell.strip() for cell in cells) or (are_gaps and len(cells) > 1):
                 yield cells
     except csv.Error as error:
         raise ValueError(f"a line cannot be read: {error}") from None

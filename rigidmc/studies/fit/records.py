@@ -3,7 +3,7 @@
 A table is a text file, a result, a mapping of columns, a DataFrame, or a Dataset. It holds one
 record, or several: one for each value of a column, or for each interval of time. `columns` names
 the columns of an observable and their unit, as in ``omega=gx,gy,-gz:deg/s``; without it, columns
-named as in results and those of gyroscopes are found, also in exports of phyphox and Sensor Logger.
+named as in results, and gyroscopes in exports of phyphox and Sensor Logger, are found.
 """
 
 import os
@@ -241,7 +241,7 @@ def _times(
     t = _column(table, name, "time") * _factor(name, unit, "s")
     known = t[np.isfinite(t)]
     if known.size and np.abs(known).max() > EPOCH:
-        rule = f"starts at {known[0]:.4g} s, which is no time since 1970: state its unit"
+        rule = f"starts at {known[0]:.4g} s, too late for seconds since 1970: state its unit"
         raise OptionError(f"{rule}, e.g. --time {name}:ns", at="time", value=name)
     notes = list[str]()
     if known.size < t.size:

@@ -137,7 +137,7 @@ def kind_of(dims: tuple[str, ...]) -> int:
 
 def high_frequency_noise(stream: Stream) -> Array:
     """Return the noise of each channel from third divided differences of its records, scaled to the
-    variance of one reading: those of a smooth motion vanish.
+    variance of one reading; they vanish for a smooth motion.
 
     A channel that always reads the same has the noise of the others: it may be a sensor that hangs.
     """

@@ -4,7 +4,7 @@ The rates of a free body say more than its moments. With the right rates and tim
 the balance of angular momentum; times a factor s, none does: rates in degrees are 57.3 times too
 large, and times in milliseconds 1,000 times. If axes are swapped or negated, the body of the scene
 does not obey the balance, but does with another of the 48 signed permutations of the axes. (A free
-body whose moments are all unknown has no wrong hand: negated rates are those of another body.)
+body whose moments are all unknown has two hands: negated rates suit another body.)
 """
 
 import itertools
@@ -31,7 +31,6 @@ MOST_TURNED = 1e6  # rad in a record: 4e6 saves
 WINDOW_COUNT = 400  # of all records, in the balance of angular momentum
 BETTER = 9.0  # ratio of sums of squares that tells: residuals a third as large
 ALIKE = 1.25  # ratio up to which rates may err by what the model leaves out
-NEAR = 1.4  # ratio up to which a factor is one of FACTORS
 EXPLAINED = 0.15  # of the changes of the rates that a body may leave, if it moves so
 FACTORS = {
     180.0 / np.pi: "rates in degrees, read as radians",
@@ -76,8 +75,6 @@ def examine(
     """Return (records without saturated readings, what looks wrong in them, in sentences)."""
     notes = [f"{r.name}: {text}" for r in records for text in r.notes]
     records = [_without_saturated(record, notes) for record in records]
-    for record in records:
-        _repeated(record, notes)
     rates = [(r.times["omega"], r.values["omega"]) for r in records if "omega" in r.values]
     if rates:
         _turns(rates, notes)
@@ -98,7 +95,15 @@ def _channels(record: Record) -> list[tuple[str, str, int, Array]]:
 
 def _without_saturated(record: Record, notes: list[str]) -> Record:
     """Return a record with nan for readings that stay at the extreme of their channel."""
-    values = {name: np.array(x) for name, x in record.values.items()}
+    values, slow = {name: np.array(x) for name, x in record.values.items()}, set[str]()
+    for name, x in values.items():
+        same = np.mean((np.diff(x, axis=0) == 0.0).all(1)) if len(x) > 4 else 0.0
+        if REPEATED < same < 1.0:
+            slow.add(name)
+            notes.append(
+                f"{record.name}: {name} repeats each reading about {1.0 / (1.0 - same):.2g} times:"
+                " its sensor is slower than the table, so its intervals are too narrow"
+            )
     for channel, name, column, x in _channels(record):
         t, seen = record.times[name][np.isfinite(x)], x[np.isfinite(x)]
         steps = np.abs(np.diff(seen))
@@ -109,7 +114,7 @@ def _without_saturated(record: Record, notes: list[str]) -> Record:
                 else f"{record.name}: {channel} has no readings"
             )
             continue
-        if np.count_nonzero(steps == 0.0) > REPEATED * steps.size:
+        if name in slow:
             continue
         for extreme in (seen.min(), seen.max()):
             for first, last in _runs(seen == extreme):
@@ -133,23 +138,13 @@ def _runs(is_in: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def _repeated(record: Record, notes: list[str]) -> None:
-    """Tell readings that repeat the one before: of a sensor slower than its table."""
-    for name, x in record.values.items():
-        same = (np.diff(x, axis=0) == 0.0).all(1)
-        if len(same) > 4 and REPEATED < np.mean(same) < 1.0:
-            each = 1.0 / (1.0 - np.mean(same))
-            notes.append(
-                f"{record.name}: {name} repeats each reading about {each:.2g} times: its sensor is"
-                " slower than the table, so its intervals are too narrow"
-            )
-
-
 def _turns(rates: Sequence[tuple[Array, Array]], notes: list[str]) -> None:
     """Tell rates that turn the body by radians between readings; OptionError if no run can."""
-    speeds = [np.nanmedian(np.linalg.norm(w, axis=1)) for _, w in rates]
-    longest = max(v * (t[-1] - t[0]) for v, (t, _) in zip(speeds, rates, strict=True))
-    between = max(v * np.median(np.diff(t)) for v, (t, _) in zip(speeds, rates, strict=True))
+    between, longest = 0.0, 0.0
+    for t, w in rates:
+        speed = float(np.median(np.linalg.norm(np.nan_to_num(w), axis=1)))
+        between = max(between, speed * float(np.median(np.diff(t))))
+        longest = max(longest, speed * float(t[-1] - t[0]))
     words = f"the body turns by {between:.3g} rad between two readings"
     asks = "are times in ms, or rates in degrees? State the units"
     if longest > MOST_TURNED:
@@ -164,10 +159,7 @@ def _balance(scene: Scene, rates: Sequence[tuple[Array, Array]], is_turned: bool
     moments = np.array(nominal_of(scene.model, ["body.moments"])["body.moments"])
     if windows is None:
         return []
-    notes = _units(windows, rates, moments)
-    if not notes:
-        notes = _hand(windows, moments) if is_turned else _axes(windows, moments)
-    return notes
+    return _units(windows, rates, moments) or _axes(windows, moments, is_turned)
 
 
 def _windows(rates: Sequence[tuple[Array, Array]]) -> Windows | None:
@@ -193,87 +185,78 @@ def _windows(rates: Sequence[tuple[Array, Array]]) -> Windows | None:
 def _units(windows: Windows, rates: Sequence[tuple[Array, Array]], moments: Array) -> list[str]:
     """Tell rates, or times, that suit a body only if multiplied by a factor."""
 
-    def left(x: Array) -> Array:
+    def left(x: Array, factor: float) -> Array:
         second = np.exp(np.clip(np.append(x[3:5], 0.0), -9.0, 9.0))
         axes = Rotation.from_rotvec(x[:3]).as_matrix()
         tensor = (axes * (second.sum() - second)) @ axes.T
-        return windows.residuals(tensor, float(np.exp(x[5:].sum()))).ravel()
+        return windows.residuals(tensor, factor * float(np.exp(x[5:].sum()))).ravel()
 
-    def ended(factor: float, is_free: bool) -> tuple[float, float]:
-        """Return the least (cost, factor) from guesses of the body."""
+    best, costs, scale = np.inf, dict[float, float](), 1.0
+    for wrong in (1.0, *FACTORS):
         ends = []
-        for tensor in np.diag(moments), balance([(t, factor * w) for t, w in rates], whole=True):
+        for tensor in np.diag(moments), balance([(t, w / wrong) for t, w in rates], whole=True):
             if tensor is None:
                 continue
             values, axes = np.linalg.eigh(tensor)
             second = np.maximum(0.5 * values.sum() - values, 1e-3 * values[-1])
             turn = Rotation.from_matrix(axes * [1.0, 1.0, np.linalg.det(axes)]).as_rotvec()
-            x = np.concatenate([turn, np.log(second[:2] / second[2]), [np.log(factor)] * is_free])
-            found = least_squares(left, x, max_nfev=60)
-            ends.append((float(found.cost), float(np.exp(found.x[5])) if is_free else 1.0))
-        return min(ends)
-
-    given, _ = ended(1.0, is_free=False)
-    best, factor = min(ended(f, is_free=True) for f in (1.0, *FACTORS))
-    if given < BETTER * best or not (factor < 1.0 / ALIKE or factor > ALIKE):
+            x = np.concatenate([turn, np.log(second[:2] / second[2])])
+            ends.append(least_squares(left, x, args=(1.0 / wrong,), max_nfev=60))
+        end = min(ends, key=lambda one: float(one.cost))
+        costs[wrong] = float(end.cost)
+        end = least_squares(left, np.append(end.x, 0.0), args=(1.0 / wrong,), max_nfev=60)
+        if end.cost < best:
+            best, scale = float(end.cost), wrong / float(np.exp(end.x[5]))
+    if costs[1.0] <= BETTER * best or 1.0 / ALIKE < scale < ALIKE:
         return []
-    s = 1.0 / factor  # measured rates are s times the true ones
-    near = [text for f, text in FACTORS.items() if 1.0 / NEAR < s / f < NEAR]
-    text = near[0] if near else "another sampling rate than stated, or another unit"
+    text = "another sampling rate, or another unit"
+    if near := [factor for factor in FACTORS if costs[factor] < 2.0 * best]:
+        scale, text = near[0], FACTORS[near[0]]
     return [
-        f"no body moves so; one does if the rates, or the times, are {s:.3g} times as large as they"
-        f" should be: {text}?"
+        f"no body moves so; one does if the rates, or the times, are {scale:.3g} times as large as"
+        f" they should be: {text}?"
     ]
 
 
-def _axes(windows: Windows, moments: Array) -> list[str]:
-    """Tell axes, or units, that suit the body of the scene far better."""
-    found = dict[tuple[int, ...], float]()
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1, -1), repeat=3):
-            axes = np.eye(3)[list(order)] * np.array(signs)[:, None]
-            name = tuple(s * (i + 1) for s, i in zip(signs, order, strict=True))
-            found[name] = _cost(windows.turned(axes), moments, 1.0)
-    given, least = found[1, 2, 3], min(found.values())
-    costs = {factor: _cost(windows, moments, 1.0 / factor) for factor in FACTORS}
-    factor = min(costs, key=lambda x: costs[x])
-    if _is_told(windows, given, costs[factor]) and costs[factor] < least:
-        return [f"the rates suit the moments of the scene far better as {FACTORS[factor]}"]
-    if not _is_told(windows, given, least):
+def _axes(windows: Windows, moments: Array, is_turned: bool) -> list[str]:
+    """Tell axes, or units, that suit the body of the scene far better.
+
+    is_turned : whether the sensor may have any attitude in the body
+    """
+
+    def cost(axes: Array, factor: float) -> float:
+        def left(turn: Array) -> Array:
+            turned = Rotation.from_rotvec(turn).as_matrix() @ axes
+            return windows.turned(turned).residuals(np.diag(moments), factor).ravel()
+
+        if not is_turned:
+            return float(np.sum(left(np.zeros(3)) ** 2))
+        return 2.0 * float(least_squares(left, np.zeros(3), max_nfev=30).cost)
+
+    signed = {
+        tuple(s * (i + 1) for s, i in zip(signs, order, strict=True)): np.array(signs)[:, None]
+        * np.eye(3)[list(order)]
+        for signs in itertools.product((1, -1), repeat=3)
+        for order in itertools.permutations(range(3))
+    }
+    starts, other = [np.eye(3)], dict[str, tuple[list[Array], float]]()
+    if is_turned:  # the signs of two axes change no moment: six turns are all
+        right = {tuple(map(abs, k)): x for k, x in signed.items() if np.linalg.det(x) > 0.0}
+        starts = list(right.values())
+        text = "a left-handed sensor: is one column negated, or are two swapped?"
+        other[text] = [-axes for axes in starts], 1.0
+    else:
+        for name in sorted(signed, key=lambda word: sum(x != i + 1 for i, x in enumerate(word))):
+            words = ", ".join(f"{'-' * (x < 0)}omega[{abs(x)}]" for x in name)
+            text = (
+                f"omega = ({words}): are columns swapped or negated, or moments in another order?"
+            )
+            other[text] = [signed[name]], 1.0
+    other |= {f"{text}?": (starts, 1.0 / factor) for factor, text in FACTORS.items()}
+    given = min(cost(axes, 1.0) for axes in starts)
+    costs = {text: min(cost(x, factor) for x in some) for text, (some, factor) in other.items()}
+    least = min(costs.values())
+    if given <= BETTER * least or least > EXPLAINED**2 * float(np.sum(windows.change**2)):
         return []
-    alike = [name for name, cost in found.items() if cost < 1.0001 * least]
-    best = min(alike, key=lambda name: sum(x != i + 1 for i, x in enumerate(name)))
-    words = ", ".join(f"{'-' * (x < 0)}omega[{abs(x)}]" for x in best)
-    return [
-        "the rates suit the moments of the scene far better with other axes: omega of the body ="
-        f" ({words}) of the data. Are columns swapped or negated, or the moments in another order?"
-    ]
-
-
-def _hand(windows: Windows, moments: Array) -> list[str]:
-    """Tell axes of a left hand, with the sensor turned as suits the body of the scene best."""
-
-    def left(turn: Array, sign: float) -> Array:
-        axes = Rotation.from_rotvec(turn).as_matrix()
-        return windows.residuals((axes * moments) @ axes.T, sign).ravel()
-
-    starts = Rotation.create_group("O").as_rotvec()
-    right, mirrored = (
-        min(2.0 * least_squares(left, x, args=(sign,), max_nfev=30).cost for x in starts)
-        for sign in (1.0, -1.0)
-    )
-    if not _is_told(windows, right, mirrored):
-        return []
-    return [
-        "the rates suit the moments of the scene far better as those of a left-handed sensor: is"
-        " one column negated, or are two swapped?"
-    ]
-
-
-def _cost(windows: Windows, moments: Array, factor: float) -> float:
-    return float(np.sum(windows.residuals(np.diag(moments), factor) ** 2))
-
-
-def _is_told(windows: Windows, given: float, other: float) -> bool:
-    """Whether another reading of the data suits a body, and far better than the given one."""
-    return given > BETTER * other and other < EXPLAINED**2 * float(np.sum(windows.change**2))
+    best = next(text for text in costs if costs[text] <= 1.0001 * least)
+    return [f"the rates suit the moments of the scene far better as {best}"]
