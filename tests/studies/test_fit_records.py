@@ -370,6 +370,6 @@ def test_notes_come_with_the_study(tmp_path, capsys):
     data = {"t": np.arange(40) * 0.05, "omega": np.tile([0.0, 0.0, 1.0], (40, 1))}
     scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), (), rm.Start(omega=(0.0, 0.0, 1.0)))
     study = rm.fit(scene, data, "start.omega", trials=2)
-    assert "omega[1] reads 0 at all times" in study.attrs["notes"][0]
+    assert "omega[1] reads 0 at all times" in study.attrs["notes"]
     study.to_netcdf(tmp_path / "fit.nc")
     assert "reads 0 at all times" in str(xr.open_dataset(tmp_path / "fit.nc").attrs["notes"])

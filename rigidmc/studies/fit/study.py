@@ -113,13 +113,13 @@ class FitOptions(Options):
     )
     columns: Any = option(
         None,
-        "columns of an observable and their unit, e.g. omega=gx,gy,gz:deg/s",
+        "columns of an observable and their unit, e.g. omega=gx,gy,-gz:deg/s",
         metavar="NAME=A,B,C[:UNIT]",
         type=Words,
         reader=read_columns_option,
         kind="mapping or str",
     )
-    time: str | None = option(None, "column of the times")
+    time: str | None = option(None, "column of the times, NAME or NAME:UNIT")
     rate: float | None = option(
         None, "samples a second, of a table without times", above=0.0, unit="1/s"
     )
