@@ -7,8 +7,8 @@ parameters, the kernel sums over all samples::
 
     J^T J (its upper triangle, row by row),   J^T r,   r^T r
 
-1,000 members with 2,000 samples of three rates and 6 parameters so leave .2 MB, not the 336 MB of
-their saves. The sums of a member take its samples in order, whatever members lie beside it.
+So members leave a few numbers each, and not their saves and derivatives. The sums of a member take
+its samples in order, whatever members lie beside it.
 
 A sensor reads a vector v of body axes as z = (1 + s) R v + b, with scale errors s, alignment R and
 bias b, at the time (1 + drift) t + offset of its own clock's time t. A rotation d of the sensor,
@@ -167,7 +167,7 @@ def change_parameters(frame, low):
     """Replace the derivatives by the first parameters of the motion by derivatives by coordinates.
 
     After the sums it would be too late: the derivatives by two moments cancel in all digits where a
-    second moment is 1e-5 of the others.
+    second moment is tiny beside the others.
     """
     room, chain, n = memory(frame.room, 1.0), memory(frame.chain, 1.0), frame.mixed
     for c in range(frame.channels):

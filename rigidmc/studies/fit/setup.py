@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.errors import OptionError, unknown
+from rigidmc.errors import OptionError, RigidmcError, SceneError, unknown
 from rigidmc.inputs.measured import in_units
 from rigidmc.physics.observables.protocol import size
+from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.runs.prepare import PreparedRun, prepare_scene
-from rigidmc.scene.parameters import parameters_of, with_vectors
+from rigidmc.scene.parameters import parameters_of, with_parameters, with_vectors
 from rigidmc.scene.scene import Scene
-from rigidmc.scene.varied import nominal_of
+from rigidmc.scene.varied import nominal_of, variables
 from rigidmc.studies.fit.parameters import MOMENTS, FitParameters
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.records import ColumnsOf, Record, read_records
@@ -55,12 +56,8 @@ def make_problem(
     free : parameters of the scene;  own : those that differ between records, besides the start
     noise : of observables, as the user gives it;  nuisances : words such as bias and omega.bias
     """
-    for name in free:
-        if name.startswith(f"{MOMENTS}."):
-            rule = f"some trials of one moment alone are not bodies: fit {MOMENTS}"
-            raise OptionError(rule, at="free", value=name)
-    run = prepare_scene(_with_saves(scene, free, records))
-    nominal = run.scene.run.varied or {}
+    nominal = _nominal(scene, free)
+    run = prepare_scene(_with_saves(scene, nominal, records))
     for name in own:
         if name not in nominal:
             raise unknown("free parameter", nominal, at="each", value=name, error=OptionError)
@@ -70,7 +67,26 @@ def make_problem(
     return FitProblem(run, parameters, streams, threads)
 
 
-def _with_saves(scene: Scene, free: Sequence[str], records: Sequence[Record]) -> Scene:
+def _nominal(scene: Scene, free: Sequence[str]) -> dict[str, float | list[float]]:
+    """Return {free parameter: first guess}; SceneError if anything else is random."""
+    if not free:
+        raise OptionError("name parameters, e.g. body.moments,start.omega", at="free", value="")
+    for name in free:
+        if name.startswith(f"{MOMENTS}."):
+            rule = f"some trials of one moment alone are not bodies: fit {MOMENTS}"
+            raise OptionError(rule, at="free", value=name)
+    try:
+        nominal = nominal_of(scene.model, free)
+    except RigidmcError as error:
+        raise OptionError(error.rule, at="free", value=error.value, nearest=error.nearest) from None
+    known = with_parameters(scene.model, nominal, "free", variables(scene.model))
+    for name in uncertain_numbers(known)[0]:
+        rule = "is random, but a record is one motion: fit it, or give a number"
+        raise SceneError(rule, at=name)
+    return nominal
+
+
+def _with_saves(scene: Scene, nominal: Mapping[str, Any], records: Sequence[Record]) -> Scene:
     """Return the scene with the run of a fit, whose saves lie around the samples.
 
     rk8 with these steps is exact to 1e-9 of a rate, as the polynomials are.
@@ -81,7 +97,7 @@ def _with_saves(scene: Scene, free: Sequence[str], records: Sequence[Record]) ->
     observables = tuple(dict.fromkeys(name for record in records for name in record.times))
     return scene.with_run(
         integrator="rk8", dt=every, every=every, t_end=steps * every, tolerance=None, members=1,
-        save=observables, varied=nominal_of(scene.model, free), wrt=tuple(free),
+        save=observables, varied=nominal, wrt=tuple(nominal),
     )  # fmt: skip
 
 

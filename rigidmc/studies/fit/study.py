@@ -106,8 +106,8 @@ class FitOptions(Options):
         is_argument=True,
         kind="path_like or table",
     )
-    free: Names = option(
-        (),
+    free: Names | None = option(
+        None,
         "parameters to fit, e.g. body.moments,start.omega,effects.gravity.g",
         missing="is missing: the parameters to fit, e.g. body.moments,start.omega",
     )
@@ -132,7 +132,7 @@ class FitOptions(Options):
     )
     noise: Any = option(
         None,
-        "standard deviation of the readings, e.g. omega=0.002; by default that of the residuals",
+        "standard deviation of the readings, e.g. omega=0.002; by default from third differences",
         metavar="NAME=NUMBER",
         type=Words,
         reader=lambda value, name: value,
@@ -157,7 +157,11 @@ def compute(scene: Scene, options: FitOptions, threads: int | None, progress: An
         say(line)
 
     def make(moved: Scene, more: Sequence[str] = ()) -> FitProblem:
-        free, own, nuisances = (*options.free, *more), options.each or (), options.nuisances or ()
+        free, own, nuisances = (
+            (*(options.free or ()), *more),
+            options.each or (),
+            options.nuisances or (),
+        )
         return make_problem(moved, free, own, records, options.noise, nuisances, threads)
 
     problem = make(scene)
@@ -255,10 +259,11 @@ def _missing(study: xr.Dataset) -> list[str]:
     ]
     for i, gain in enumerate(study.gain.values[:2]):
         if gain > 0.0:
-            name, setting = (str(study[key].values[i]) for key in ("torque", "setting"))
-            free = str(study.torque_parameter.values[i])
-            lines.append(f"  {name} gains {gain:.4g} in ln likelihood: --set {setting!r}")
-            lines[-1] = lines[-1].replace("'", '"') + f", and fit {free}"
+            name, setting, free = (
+                str(study[key].values[i]) for key in ("torque", "setting", "torque_parameter")
+            )
+            lines.append(f"  {name} gains {gain:.4g} in ln likelihood; to fit it, too, add")
+            lines.append(f'    --set "{setting}" --free ...,{free}')
     return lines
 
 

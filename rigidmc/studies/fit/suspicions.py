@@ -1,9 +1,9 @@
 """Suspicions: what looks wrong in measurements, told before a fit.
 
 The rates of a free body say more than its moments. With the right rates and times, some body obeys
-the balance of angular momentum; times a factor s, none does: rates in degrees are 57.3 times too
+the balance of angular momentum; times a factor s, none does: rates in degrees are 180/pi times too
 large, and times in milliseconds 1,000 times. If axes are swapped or negated, the body of the scene
-does not obey the balance, but does with another of the 48 signed permutations of the axes. (A free
+does not obey the balance, but does with another signed permutation of the axes. (A free
 body whose moments are all unknown has two hands: negated rates suit another body.)
 """
 

@@ -102,11 +102,11 @@ def model_error(channels: Channels, shown: Seen) -> ModelError:
     def cost(x: Array) -> float:
         return -_likelihood(channels, basis, math.exp(x[0]), math.exp(x[1]))[0]
 
-    best = None
+    best, low = None, 0.3 * shortest
     for guess in (2.0 * shortest, 0.1 * span, span):
         found = minimize(
-            cost, (0.0, math.log(guess)), method="Nelder-Mead",
-            bounds=((-12.0, 16.0), (math.log(0.3 * shortest), math.log(3.0 * span))),
+            cost, (0.0, math.log(max(guess, low))), method="Nelder-Mead",
+            bounds=((-12.0, 16.0), (math.log(low), math.log(3.0 * span))),
             options={"xatol": 0.05, "fatol": 0.05, "maxiter": 80},
         )  # fmt: skip
         if best is None or found.fun < best.fun:
