@@ -13,7 +13,7 @@ BENCHES = (
     "throughput", "startup", "calls", "accuracy", "bits", "memory", "checks", "effects", "sets",
     "watching", "axes", "bath", "rare", "exact", "tolerance", "maps", "runs", "workers", "reading",
     "billion", "orders", "derivatives", "peers", "loop", "coming_from", "coverage",
-    "fit_peers", "gpu", "device",
+    "fits", "fit_peers", "gpu", "device",
 )  # fmt: skip
 HERE = os.path.dirname(os.path.abspath(__file__))
 

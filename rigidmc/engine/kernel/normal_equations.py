@@ -12,7 +12,8 @@ its samples in order, whatever members lie beside it.
 
 A sensor reads a vector v of body axes as z = (1 + s) R v + b, with scale errors s, alignment R and
 bias b, at the time (1 + drift) t + offset of its own clock's time t. A rotation d of the sensor,
-R -> exp([d]x) R, changes z by (1 + s) (d x R v).
+R -> exp([d]x) R, changes z by (1 + s) (d x R v). The attitude of its axes is that of the body
+times the inverse of R.
 """
 
 import sys
@@ -22,6 +23,7 @@ import numpy as np
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.memory import memory
+from rigidmc.physics.dynamics.so3 import conjugate, multiply
 
 LANES = 8  # members side by side: a cache line holds a save of 8 members
 NODES = 8  # saves of a polynomial: its error, (omega h)^8/9000 at the middle, is below that of rk4
@@ -30,6 +32,7 @@ DIVISORS = np.array([-1 / 5040, 1 / 720, -1 / 240, 1 / 144, -1 / 144, 1 / 240, -
 VECTOR, ATTITUDE = 1, 2  # kinds of a stream; 0 for numbers that no sensor turns
 # Rows of `sensor`: R row by row, scale errors, biases, offset [saves], drift of the clock
 SCALE, BIAS, OFFSET, DRIFT, SENSOR_ROWS = 9, 12, 15, 16, 17
+MOUNTING = SCALE  # of an attitude, in place of scale and bias: the quaternion of the inverse of R
 # Nuisances, in the order of `columns_of`: bias, scale and rotation of each axis, offset, drift
 OF_SCALE, OF_ROTATION, OF_OFFSET, OF_DRIFT, NUISANCES = 3, 6, 9, 10, 11
 # Rows of `room`: weights of the nodes, of their slopes, then for each channel the model, its rate,
@@ -245,21 +248,39 @@ def put(room, row, column, lane, value):
 
 
 def compare_attitudes(frame, low, k):
-    """Set data less model of an attitude: 2 vec(q* d), the rotation from the model q to the data d
-    in body axes. To first order in it, it changes by minus the derivatives of the model."""
+    """Set data less model of an attitude: 2 vec(s* d), the rotation from the model s = q p of a
+    sensor to the data d in its axes, and the derivatives of the model. p is the inverse of R.
+
+    To first order in the rotation, it changes by minus the derivatives of the model.
+    """
     room, values = memory(frame.room, 1.0), memory(frame.values, 1.0)
-    record = memory(frame.record, 1)
+    sensor, columns_of = memory(frame.sensor, 1.0), memory(frame.columns_of, 1)
+    record, times = memory(frame.record, 1), memory(frame.times, 1.0)
     for lane in range(LANES):
-        at = (record[low + lane] * frame.samples + k) * 4
-        w, x = room[MODEL * LANES + lane], room[(MODEL + 1) * LANES + lane]
-        y, z = room[(MODEL + 2) * LANES + lane], room[(MODEL + 3) * LANES + lane]
-        a, b, c, d = values[at], values[at + 1], values[at + 2], values[at + 3]
-        cosine = w * a + x * b + y * c + z * d
+        m = low + lane
+        sample = record[m] * frame.samples + k
+        q, rate = four(room, MODEL * LANES + lane, LANES), four(room, RATE * LANES + lane, LANES)
+        at = multiply(q, four(sensor, MOUNTING * frame.members + m, frame.members))
+        left = multiply(conjugate(at), four(values, 4 * sample, 1))
+        spin = multiply(conjugate(q), rate)
         # q and -q are one attitude; and the polynomial leaves the unit sphere by its error
-        sign = 2.0 if cosine >= 0.0 else -2.0
-        room[TURNED * LANES + lane] = sign * (w * b - x * a - y * d + z * c)
-        room[(TURNED + 1) * LANES + lane] = sign * (w * c - y * a - z * b + x * d)
-        room[(TURNED + 2) * LANES + lane] = sign * (w * d - z * a - x * c + y * b)
+        sign = 2.0 if left[0] >= 0.0 else -2.0
+        for c in range(3):
+            room[(TURNED + c) * LANES + lane] = sign * (left[1], left[2], left[3])[c]
+            room[(RATE + c) * LANES + lane] = 2.0 * (spin[1], spin[2], spin[3])[c]
+        turn(sensor, frame.members, room, low, lane, RATE, 1)
+        for d in range(frame.moving):
+            turn(sensor, frame.members, room, low, lane, JACOBIAN + d, frame.parameters)
+        for c in range(3):
+            row, rate_of_c = JACOBIAN + c * frame.parameters, room[(RATE + c) * LANES + lane]
+            put(room, row, columns_of[OF_ROTATION + c], lane, -1.0)
+            put(room, row, columns_of[OF_OFFSET], lane, rate_of_c)
+            put(room, row, columns_of[OF_DRIFT], lane, rate_of_c * times[sample])
+
+
+def four(numbers, at, apart):
+    """Return four numbers from place `at` on."""
+    return numbers[at], numbers[at + apart], numbers[at + 2 * apart], numbers[at + 3 * apart]
 
 
 def weigh(frame, low, k):

@@ -5,14 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from rigidmc.studies.fit.parameters import MOMENTS
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.solve import Solution
 from rigidmc.studies.fit.streams import Array
 
 MOST = 20  # answers kept
 HOPELESS = 100.0  # excess of the cost, in variances of a residual: ten standard deviations
-ALIKE = 4.0  # of the variance of a residual: the data cannot tell costs that differ by less
+ALIKE = 0.01  # of the variance of a residual: a tenth of a standard deviation
 SAME = 1.0  # squared distance, in standard deviations, up to which two minima are one
 
 
@@ -27,27 +29,50 @@ class Answers(NamedTuple):
 
 
 def best_of(problem: FitProblem, solution: Solution) -> int:
-    """Return the best trial; of those with the same cost, the one whose sensors turn least.
-
-    A body with its axes renamed and its sensor turned back has the same readings: of these 24, the
-    one with the least alignment is the answer that a user expects.
-    """
-    cost, parameters = solution.sums.cost, problem.parameters
-    turned = [c.columns for c in parameters.columns if c.word == "alignment"]
-    angle = np.zeros(cost.size)
-    for columns in turned:
-        angle += np.linalg.norm(solution.x[:, parameters.index[0, columns]], axis=1)
+    """Return the first trial of the least cost: the first guess, where it ends there, has the size
+    of the scene's moments, which rates do not show."""
+    cost = solution.sums.cost
     least = float(cost.min())
-    alike = cost <= least + ALIKE * least / max(1, problem.residuals)
-    # to .1 rad: of the trials alike there, the first has the size of the scene's moments
-    return int(np.argmin(np.where(alike, np.round(angle, 1), np.inf)))
+    return int(np.argmax(cost <= least + ALIKE * least / max(1, problem.residuals)))
+
+
+def upright(problem: FitProblem, solution: Solution) -> Solution:
+    """Return the trials with their axes named so that the sensors turn least.
+
+    A body with its axes renamed and its sensor turned back, R g and g^T omega, has the same
+    readings: 24 trials are one answer. Where a torque tells the axes apart, the cost shows it.
+    """
+    parameters, x = problem.parameters, np.array(solution.x)
+    turned = [c for c in parameters.columns if c.word == "alignment"]
+    if not turned:
+        return solution
+    group = Rotation.create_group("O")
+    first = Rotation.from_rotvec(x[:, parameters.index[0, turned[0].columns]])
+    which = np.argmin([(first * g).magnitude() for g in group], axis=0)
+    turn = group[which].as_matrix()
+    for column in parameters.columns:
+        for places in parameters.index[: 1 if column.is_shared else None, column.columns]:
+            if column.word == "alignment":
+                x[:, places] = (Rotation.from_rotvec(x[:, places]) * group[which]).as_rotvec()
+            elif column.name == MOMENTS:
+                x[:, places] = np.einsum("tji,tj->ti", np.abs(turn), x[:, places])
+            elif column.stream < 0 and column.size == 3:
+                x[:, places] = np.einsum("tji,tj->ti", turn, x[:, places])
+    some = np.flatnonzero((x != solution.x).any(1) & np.isfinite(solution.sums.cost))
+    if not some.size:
+        return solution
+    sums = problem.sums(x[some])
+    same = sums.cost <= solution.sums.cost[some] * (1.0 + 1e-6)
+    for old, new in zip((solution.x, *solution.sums), (x[some], *sums), strict=True):
+        old[some[same]] = new[same]
+    return solution
 
 
 def contenders(problem: FitProblem, solution: Solution) -> NDArray[np.int64]:
     """Return the trials whose minima are worth finding by the Jacobian itself: the best one of each
     answer."""
     cost = solution.sums.cost
-    best = int(np.argmin(cost))
+    best = best_of(problem, solution)
     variance = float(cost[best]) / max(1, problem.residuals - problem.parameters.size)
     return distinct(problem, solution, best, variance).trials
 

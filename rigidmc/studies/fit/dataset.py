@@ -16,7 +16,7 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.varied import variables
 from rigidmc.scene.vector_distributions.vectors import Correlated
 from rigidmc.studies.fit.answers import distinct
-from rigidmc.studies.fit.missing import Candidate
+from rigidmc.studies.fit.missing import Candidate, Law, covariance_of, laws
 from rigidmc.studies.fit.parameters import MOMENTS, FitParameters
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.solve import Solution
@@ -63,17 +63,15 @@ def dataset_of(
     parameters, cost, x = problem.parameters, solution.sums.cost, solution.x[best]
     t, data, noise, names, which = problem.samples_in_order()
     answers = distinct(problem, solution, best, found.variance)
-    in_coordinates = found.covariance
-    if torques and torques[0].gain > 0.0:
-        in_coordinates = torques[0].covariance(problem, x)
+    allowed = laws(problem, x, found, torques)
     slopes, value = parameters.slopes(x), parameters.values(x)
-    covariance = slopes @ in_coordinates @ slopes.T
+    covariance = covariance_of(allowed, lambda y: (parameters.values(y), parameters.slopes(y)))
     deviation = np.sqrt(np.diag(covariance))
     # moments are hidden together: each follows from two coordinates
     is_hidden = (np.abs(slopes) @ found.shown.hidden) > 0.0
     shown_deviation = np.where(is_hidden, math.inf, deviation)
     width = stats.norm.ppf(0.5 + 0.5 * confidence)
-    ratio, ratio_deviation = _ratios(parameters, x, in_coordinates)
+    ratio, ratio_deviation = _ratios(parameters, allowed)
     made = {
         "value": np.stack([parameters.values(solution.x[i]) for i in answers.trials]),
         "deviation": shown_deviation,
@@ -119,17 +117,21 @@ def dataset_of(
     return make_dataset(VARIABLES, made, coordinates, attrs)
 
 
-def _ratios(parameters: FitParameters, x: Array, covariance: Array) -> tuple[Array, Array]:
+def _ratios(parameters: FitParameters, allowed: Sequence[Law]) -> tuple[Array, Array]:
     """Return the ratios of the principal moments (3, 3), and their standard deviations; nan if
-    moments are not fitted. covariance : of the coordinates x"""
+    moments are not fitted."""
     if not parameters.mixed:
         return np.full((3, 3), np.nan), np.full((3, 3), np.nan)
     places = parameters.places_of(MOMENTS)[0]
-    moments = parameters.values(x)[places]
-    slope = parameters.slopes(x)[places] / moments[:, None]  # d ln I
-    change = slope[:, None, :] - slope[None, :, :]
-    variance = np.einsum("ijp,pq,ijq->ij", change, covariance, change)
-    ratio = moments[:, None] / moments[None, :]
+
+    def logarithms(x: Array) -> tuple[Array, Array]:
+        moments = parameters.values(x)[places]
+        return np.log(moments), parameters.slopes(x)[places] / moments[:, None]
+
+    covariance = covariance_of(allowed, logarithms)
+    variance = np.diag(covariance)[:, None] + np.diag(covariance) - 2.0 * covariance
+    moments = parameters.values(allowed[0].x)[places]
+    ratio = moments[:, None] / moments
     return ratio, ratio * np.sqrt(np.maximum(variance, 0.0))
 
 

@@ -153,15 +153,18 @@ class FitParameters:
         rows = x[:, self.index[:, : self.mixed]].reshape(x.shape[0] * self.records, self.mixed)
         return np.ascontiguousarray(PAIRS[: self.mixed, : self.mixed, None] * np.exp(rows.T))
 
-    def turns(self, x: Array) -> Array:
-        """Return the derivatives of rotations of the sensors by their coordinates, the identity for
-        all other columns: (members, columns, columns)."""
+    def turns(self, x: Array, every: float) -> Array:
+        """Return the derivatives of rotations of the sensors, and of offsets in distances of saves
+        `every` [s], by their coordinates, the identity for all other columns: (members, columns,
+        columns)."""
         rows = x[:, self.index].reshape(-1, self.index.shape[1])
         turns = np.tile(np.eye(rows.shape[1]), (rows.shape[0], 1, 1))
         for column in self.columns:
             if column.word == "alignment":
                 block = left_jacobian(rows[:, column.columns])
                 turns[:, column.columns, column.columns] = block
+            elif column.word == "offset":
+                turns[:, column.columns, column.columns] = 1.0 / every
         return turns
 
     def values(self, x: Array) -> Array:

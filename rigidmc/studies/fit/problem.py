@@ -164,7 +164,7 @@ class FitProblem:
         is_sound = sink.is_sound & np.isfinite(sums).all(0)
         matrix[~is_sound] = 0.0
         gradient = np.where(is_sound[:, None], sums[pairs : pairs + n].T, 0.0)
-        turns = self.parameters.turns(x)
+        turns = self.parameters.turns(x, self.every)
         matrix = (turns.transpose(0, 2, 1) @ matrix @ turns).reshape(trials, records, n, n)
         gradient = np.einsum("mij,mi->mj", turns, gradient).reshape(trials, records, n)
         whole, slope = np.zeros((trials, size, size)), np.zeros((trials, size))
@@ -179,7 +179,7 @@ class FitProblem:
         by its coordinates: of the first stream, record by record, then of the next."""
         sink, index = self._moved(x[None], keeps=True), self.parameters.index
         records, n = index.shape
-        turns, residuals, slopes = self.parameters.turns(x[None]), [], []
+        turns, residuals, slopes = self.parameters.turns(x[None], self.every), [], []
         for array, weights in zip(sink.arrays, self.weights, strict=True):
             kept = array.reshape(*weights.shape[1:], 1 + n, records)
             for record in range(records):

@@ -127,10 +127,11 @@ def _streams(
     nuisances: Sequence[str],
 ) -> tuple[Stream, ...]:
     """Return the streams of the records, one for each observable."""
-    words, streams = _nuisances(nuisances, list(records[0].times)), []
+    recording, streams = run.layout.recording, []
+    kinds = {name: kind_of(recording.observable(name).dims) for name in records[0].times}
+    words = _nuisances(nuisances, kinds)
     begins = [min(t[0] for t in record.times.values()) for record in records]
-    for name in records[0].times:
-        kind = kind_of(run.layout.recording.observable(name).dims)
+    for name, kind in kinds.items():
         times = padded([r.times[name] - t for r, t in zip(records, begins, strict=True)])
         values = padded([record.values[name] for record in records])
         stream = Stream(name, kind, times, values, np.empty(0), words[name])
@@ -140,16 +141,21 @@ def _streams(
     return tuple(streams)
 
 
-def _nuisances(names: Sequence[str], observables: list[str]) -> dict[str, tuple[str, ...]]:
+def _nuisances(names: Sequence[str], kinds: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
     """Return {observable: its nuisances} of words such as bias and omega.bias; OptionError."""
-    each: dict[str, dict[str, None]] = {name: {} for name in observables}
+    each: dict[str, dict[str, None]] = {name: {} for name in kinds}
     for name in names:
         observable, _, word = name.rpartition(".")
         if word not in NUISANCES:
             raise unknown("nuisance", NUISANCES, at="nuisances", value=name, error=OptionError)
         if observable and observable not in each:
             raise unknown("observable", each, at="nuisances", value=name, error=OptionError)
-        for owner in [observable] if observable else observables:
+        owners = [
+            o for o in ([observable] if observable else kinds) if kinds[o] in NUISANCES[word].kinds
+        ]
+        if not owners:
+            raise OptionError("no such error of this observable", at="nuisances", value=name)
+        for owner in owners:
             each[owner][word] = None
     return {name: tuple(words) for name, words in each.items()}
 

@@ -10,6 +10,7 @@ from rigidmc.engine.kernel.normal_equations import (
     ATTITUDE,
     BIAS,
     DRIFT,
+    MOUNTING,
     OF_DRIFT,
     OF_OFFSET,
     OF_ROTATION,
@@ -30,6 +31,7 @@ class Nuisance(NamedTuple):
     sensor_row : of its values, see `rigidmc.engine.kernel.normal_equations`
     unit : "" for the unit of the observable
     is_shared : whether all records of a sensor have the same
+    kinds : of the streams that may have it
     text : its meaning
     """
 
@@ -38,16 +40,20 @@ class Nuisance(NamedTuple):
     sensor_row: int
     unit: str
     is_shared: bool
+    kinds: tuple[int, ...]
     text: str
 
 
 IDENTITY = np.eye(3)
+ANY = 0, VECTOR, ATTITUDE
 NUISANCES = {
-    "bias": Nuisance(0, 0, BIAS, "", True, "added to each reading"),
-    "scale": Nuisance(OF_SCALE, 0, SCALE, "1", True, "relative error of each reading"),
-    "alignment": Nuisance(OF_ROTATION, 3, 0, "rad", True, "rotation vector of the sensor's axes"),
-    "offset": Nuisance(OF_OFFSET, 1, OFFSET, "s", False, "of the sensor's clock"),
-    "drift": Nuisance(OF_DRIFT, 1, DRIFT, "1", False, "relative error of the sensor's clock"),
+    "bias": Nuisance(0, 0, BIAS, "", True, (0, VECTOR), "added to each reading"),
+    "scale": Nuisance(OF_SCALE, 0, SCALE, "1", True, (0, VECTOR), "relative error of each reading"),
+    "alignment": Nuisance(
+        OF_ROTATION, 3, 0, "rad", True, (VECTOR, ATTITUDE), "rotation vector of the sensor's axes"
+    ),
+    "offset": Nuisance(OF_OFFSET, 1, OFFSET, "s", False, ANY, "of the sensor's clock"),
+    "drift": Nuisance(OF_DRIFT, 1, DRIFT, "1", False, ANY, "relative error of the sensor's clock"),
 }
 
 
@@ -108,6 +114,9 @@ class Stream(NamedTuple):
             else:
                 row = NUISANCES[name].sensor_row
                 sensor[row : row + x.shape[1]] = x.T / (every if name == "offset" else 1.0)
+        if self.kind == ATTITUDE:
+            turned = Rotation.from_matrix(sensor[:9].T.reshape(-1, 3, 3)).inv()
+            sensor[MOUNTING : MOUNTING + 4] = turned.as_quat(scalar_first=True).T
         return sensor
 
     def columns_of(self, first: int) -> NDArray[np.int64]:

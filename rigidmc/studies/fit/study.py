@@ -49,9 +49,9 @@ from rigidmc.files.outputs import Path, write_bytes
 from rigidmc.processes.progress import say
 from rigidmc.results.labels import count_text, units_text
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.fit.answers import best_of, contenders
+from rigidmc.studies.fit.answers import best_of, contenders, upright
 from rigidmc.studies.fit.dataset import AXES, VARIABLES, dataset_of
-from rigidmc.studies.fit.missing import Candidate, candidates
+from rigidmc.studies.fit.missing import candidates
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.records import read_columns_option
 from rigidmc.studies.fit.setup import make_problem, records_of
@@ -170,13 +170,11 @@ def compute(scene: Scene, options: FitOptions, threads: int | None, progress: An
         first = seen(problem.sums(x[:1]).matrix[0])
         for line in in_words(problem.parameters, x[0], first):
             say(line)
-    solution = minimise(problem, x)
+    solution = upright(problem, minimise(problem, x))
     solution = polish(problem, solution, contenders(problem, solution))
     best = best_of(problem, solution)
-    found, torques = assess(problem, solution.x[best]), list[Candidate]()
-    if found.error.is_seen:
-        cost = float(solution.sums.cost[best])
-        torques = candidates(scene, problem, solution.x[best], cost, make)
+    found, cost = assess(problem, solution.x[best]), float(solution.sums.cost[best])
+    torques = candidates(scene, problem, solution.x[best], cost, make, found.error.is_seen)
     made = dataset_of(scene, problem, solution, best, found, torques, options.confidence)
     return made.assign_attrs(notes="\n".join(notes))
 

@@ -57,11 +57,12 @@ def seen(matrix: Array) -> Seen:
 
 def in_words(parameters: FitParameters, x: Array, shown: Seen) -> list[str]:
     """Return a sentence for each direction that the data do not show."""
-    value, lines = parameters.values(x), []
-    for direction, share in zip(shown.unseen, shown.shares, strict=True):
-        taking = np.flatnonzero(share > TAKES_PART)
-        change = (direction @ parameters.slopes(x).T)[taking]
-        lines.append(_sentence([parameters.names[i] for i in taking], change, value[taking]))
+    value, slopes, lines = parameters.values(x), parameters.slopes(x), []
+    scale = np.abs(slopes) @ shown.unit
+    for share in simplest(shown.unseen @ slopes.T / scale):
+        taking = np.flatnonzero(np.abs(share) > TAKES_PART * np.abs(share).max())
+        names = [parameters.names[i] for i in taking]
+        lines.append(_sentence(names, (share * scale)[taking], value[taking]))
     return lines
 
 
@@ -76,11 +77,7 @@ def _sentence(names: Sequence[str], change: Array, value: Array) -> str:
             "the data show only ratios of the principal moments: one moment, the momentum of a"
             " rotor or a known torque would fix their size"
         )
-    by = (
-        100.0 / np.abs(relative).max()
-        if np.isfinite(relative).all()
-        else 1.0 / np.abs(change).max()
-    )
+    by = 0.01 / np.abs(relative).min()  # 1 % of the largest, beside what may be near 0
     each = ", ".join(f"{name} {by * c:+.3g}" for name, c in zip(names, change, strict=True))
     return f"the data do not show this common change: {each}; any one of them, known, fixes it"
 

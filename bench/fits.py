@@ -1,0 +1,208 @@
+"""Fits of records with a known truth: how often intervals cover it, and what the data show.
+
+Coverage: random bodies spin freely for 1 to 3 s and are read at 100 Hz, 1 rad/s over .02 of noise,
+by a sensor with unknown bias and alignment. The fit knows the law of the motion, or lacks a
+quadratic drag that takes 1 to 20 % of the momentum.
+"""
+
+import time
+import warnings
+from concurrent.futures import ProcessPoolExecutor
+from itertools import permutations
+from multiprocessing import get_context
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import rigidmc as rm
+from rigidmc.studies.fit.setup import make_problem, records_of
+from rigidmc.studies.fit.solve import minimise
+from rigidmc.studies.fit.visible import in_words, seen
+
+FREE = "body.moments,start.omega"
+NOISE, EVERY = 0.02, 0.01  # [rad/s], [s]
+LAWS = "right model", "drag left out"
+
+
+def table_of(t, omega):
+    """Return a table with the columns that `fit` finds by their names."""
+    return {"t": t, **{f"omega[{k + 1}]": omega[:, k] for k in range(3)}}
+
+
+def moved(scene, t_end, every, save="omega"):
+    """Return the motion of one member."""
+    return rm.simulate(scene, integrator="rk8", dt=every, t_end=t_end, every=every, save=save,
+                       members=1, threads=1)  # fmt: skip
+
+
+def record_of(seed, law):
+    """Return (truth {name: value}, table) of a random body and its record."""
+    random = np.random.default_rng([seed, LAWS.index(law)])
+    second = np.exp(0.7 * random.normal(size=3))
+    moments = (second.sum() - second) / (second.sum() - second).max()
+    omega = random.normal(size=3)
+    omega *= random.uniform(3.0, 12.0) / np.linalg.norm(omega)
+    t_end = random.uniform(1.0, 3.0)
+    share = random.uniform(0.01, 0.2) if law == LAWS[1] else 0.0
+    drag = share * np.linalg.norm(moments * omega) / np.linalg.norm(omega) ** 2 / t_end
+    effects = (rm.QuadraticDrag(drag),) if share else ()
+    scene = rm.Scene(rm.Body(tuple(moments)), *effects, start=rm.Start(omega=tuple(omega)))
+    ds = moved(scene, t_end, EVERY)
+    bias, turn = 0.02 * random.normal(size=3), 0.05 * random.normal(size=3)
+    read = ds.omega.values[:, :, 0] @ Rotation.from_rotvec(turn).as_matrix().T + bias
+    read += NOISE * random.normal(size=read.shape)
+    values = {"start.omega": omega, "omega.bias": bias, "omega.alignment": turn}
+    truth = {f"{name}.{k + 1}": x[k] for name, x in values.items() for k in range(3)}
+    return truth, moments, table_of(ds.time.values, read)
+
+
+def fit_one(seed, law, trials=100):
+    """Return the row of one record."""
+    truth, moments, table = record_of(seed, law)
+    guess = rm.Scene(rm.Body((0.9, 1.0, 0.95)), start=rm.Start(omega=(1.0, 1.0, 1.0)))
+    began = time.perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        study = rm.fit(guess, table, FREE, nuisances="bias,alignment", trials=trials, threads=1)
+    seconds = time.perf_counter() - began
+    ratio, spread = study.ratio.values, study.ratio_deviation.values
+    off = [(ratio[i, 2] - moments[i] / moments[2]) / spread[i, 2] for i in (0, 1)]
+    for name, value in truth.items():
+        one = study.sel(parameter=name)
+        off.append((float(one.value[0]) - value) / float(one.deviation))
+    return {
+        "law": law, "seed": seed, "off": [float(x) for x in off], "seconds": seconds,
+        "is_listed": is_listed(study, moments, spread), "answers": study.sizes["answer"],
+        "chi2": float(study.attrs["reduced_chi_square"]), "lasting": study.attrs["lasting_gain"],
+        "told": bool((study.gain.values > 0.0).any()) or study.attrs["lasting_gain"] > 4.6,
+        "torque": str(study.torque.values[0]) if study.sizes["torque"] else "",
+    }  # fmt: skip
+
+
+def is_listed(study, moments, spread):
+    """Return whether an answer has the true ratios of moments, in any order of the axes."""
+    least = np.maximum(5.0 * np.nan_to_num(spread, posinf=0.0), 0.01)
+    for value in study.value.values:
+        found = value[:3]
+        for order in permutations(range(3)):
+            true = moments[list(order)]
+            off = np.abs(found[:, None] / found - true[:, None] / true)
+            if (off <= least * (1.0 + true[:, None] / true)).all():
+                return True
+    return False
+
+
+SPIN = (0.5, 2.0, 0.4)
+START, STEADY = rm.Start(omega=SPIN), rm.Start(omega=(0.0, 0.0, 2.0))
+TILTED = rm.Start(omega=SPIN, attitude=(0.8, 0.36, 0.48, 0.0))
+BODY, DISC = rm.Body((1.0, 2.0, 2.5)), rm.Body((1.0, 1.0, 1.8))
+FREE_BODY = rm.Scene(BODY, start=START)
+SLOWED = rm.Scene(BODY, rm.ViscousDamping(0.1), start=START)
+DRAGGED = rm.Scene(BODY, rm.QuadraticDrag(0.05), start=START)
+WHEEL = rm.Scene(BODY, rm.Rotor((0.3, 0.1, 0.2)), start=START)
+DRIVEN = rm.Scene(BODY, rm.BodyTorque((0.1, -0.2, 0.1)), start=START)
+TOP = rm.Body.from_moments((1.0, 2.0, 2.5), mass=1.0, centre=(0.1, 0.2, 0.4))
+HEAVY = rm.Scene(TOP, rm.Gravity(3.0), start=TILTED)
+STEADY_BODY, STILL_DISC = rm.Scene(BODY, start=STEADY), rm.Scene(DISC, start=START)
+BY_MOMENTUM = rm.Scene(BODY, start=rm.Start(momentum=SPIN))
+RATIOS = "only ratios of the principal moments"
+# {name: (scene, more free parameters, saved, nuisances, unseen directions, words that tell them)}
+GAUGES = {
+    "rates of a free body": (FREE_BODY, "", "omega", "", 1, RATIOS),
+    "attitudes of a free body": (FREE_BODY, "", "attitude", "", 1, RATIOS),
+    "rates and attitudes": (FREE_BODY, "", "omega,attitude", "", 1, RATIOS),
+    "bias of rates": (FREE_BODY, "", "omega", "bias", 1, RATIOS),
+    "bias and alignment": (FREE_BODY, "", "omega", "bias,alignment", 1, RATIOS),
+    "linear drag": (SLOWED, "effects.viscous_damping.rate", "omega", "", 1, RATIOS),
+    "drift beside rates": (FREE_BODY, "", "omega", "drift", 1, RATIOS),
+    "known rotor": (WHEEL, "", "omega", "", 0, ""),
+    "known rotor and bias": (WHEEL, "", "omega", "bias", 0, ""),
+    "unknown rotor": (WHEEL, "effects.rotor.momentum", "omega", "", 1, "effects.rotor.momentum"),
+    "known torque": (DRIVEN, "", "omega", "", 0, ""),
+    "unknown torque": (
+        DRIVEN, "effects.body_torque.size", "omega", "", 1, "effects.body_torque.size"),
+    "known weight": (HEAVY, "", "attitude", "", 0, ""),
+    "unknown weight": (HEAVY, "effects.gravity.g", "attitude", "", 1, "effects.gravity.g"),
+    "unknown weight by rates": (HEAVY, "effects.gravity.g", "omega", "", 1, "effects.gravity.g"),
+    "unknown quadratic drag": (
+        DRAGGED, "effects.quadratic_drag.drag", "omega", "", 1, "effects.quadratic_drag.drag"),
+    "spin about a principal axis": (STEADY_BODY, "", "omega", "", 3, "do not show body.moments.1"),
+    "bias of a steady spin": (STEADY_BODY, "", "omega", "bias", 4, "omega.bias.3"),
+    "offset of a clock": (FREE_BODY, "", "omega", "offset", 2, "omega.offset"),
+    "drift beside attitudes": (FREE_BODY, "", "attitude", "drift", 2, "start.omega.1"),
+    "alignment of attitudes": (FREE_BODY, "", "attitude", "alignment", 1, RATIOS),
+    "offset between clocks": (FREE_BODY, "", "omega,attitude", "attitude.offset", 1, RATIOS),
+    "scale of each axis": (FREE_BODY, "", "omega", "scale", 3, "omega.scale"),
+    "alignment of a disc": (STILL_DISC, "", "omega", "alignment", 2, "omega.alignment.3"),
+    "momentum": (BY_MOMENTUM, "", "omega", "", 1, "start.momentum"),
+}  # fmt: skip
+
+
+def gauge_of(name):
+    """Return the row of a scene: what its fit says of a record without noise."""
+    scene, more, save, nuisances, number, words = GAUGES[name]
+    saved, start = tuple(save.split(",")), f"start.{scene.start.spin_name}"
+    free = ["body.moments", start, *filter(None, [more])]
+    ds = moved(scene, 6.0, 0.02, saved)
+    records = records_of(scene, ds, {}, None, None, ())
+    records = [one._replace(
+        times={k: v for k, v in one.times.items() if k in saved},
+        values={k: v for k, v in one.values.items() if k in saved}) for one in records]  # fmt: skip
+    noise = dict.fromkeys(saved, 1e-3)
+    sensors = tuple(filter(None, nuisances.split(",")))
+    problem = make_problem(scene, free, (), records, noise, sensors, 1)
+    x = problem.parameters.coordinates({})
+    solution = minimise(problem, x[None])
+    shown = seen(solution.sums.matrix[0])
+    text = in_words(problem.parameters, solution.x[0], shown)
+    found = len(shown.unseen)
+    right = found == number and (not words or any(words in line for line in text))
+    return {"gauge": name, "unseen": found, "asked": number, "right": right, "text": text}
+
+
+def both(job):
+    """Return the row of a job, in a process of its own."""
+    kind, *rest = job
+    return fit_one(*rest) if kind == "fit" else gauge_of(*rest)
+
+
+def run(quick):
+    """Return the rows: gauges, and records of both laws."""
+    count = 8 if quick else 200
+    jobs = [("gauge", name) for name in GAUGES]
+    jobs += [("fit", seed, law) for law in LAWS for seed in range(count)]
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        return list(pool.map(both, jobs))
+
+
+def report(rows):
+    """Print what the rows say."""
+    gauges = [row for row in rows if "gauge" in row]
+    if gauges:
+        right = sum(row["right"] for row in gauges)
+        print(f"gauge named right: {right} of {len(gauges)}")
+        for row in gauges:
+            if not row["right"]:
+                print(f"  {row['gauge']}: {row['unseen']} for {row['asked']}: {row['text']}")
+    for law in LAWS:
+        some = [row for row in rows if row.get("law") == law]
+        if some:
+            harness_lines(law, some)
+
+
+def harness_lines(law, rows):
+    """Print the shares of one law."""
+    off = np.abs([row["off"] for row in rows])
+    inside = off < 1.96
+    print(
+        f"{law}: {len(rows)} records, intervals that cover {inside.mean():.1%} (ratios"
+        f" {inside[:, :2].mean():.1%}, start {inside[:, 2:5].mean():.1%}, bias"
+        f" {inside[:, 5:8].mean():.1%}, alignment {inside[:, 8:].mean():.1%}), true or listed"
+        f" {np.mean([row['is_listed'] for row in rows]):.1%}, told"
+        f" {np.mean([row['told'] for row in rows]):.1%},"
+        f" {np.mean([row['seconds'] for row in rows]):.2f} s each"
+    )
+    for row, x in zip(rows, off, strict=True):
+        if not x.max() < 5.0 or not row["is_listed"]:
+            print(f"  seed {row['seed']}: off {x.round(1)}, {row['answers']} answers, chi2"
+                  f" {row['chi2']:.3f}, {row['torque']}, listed {row['is_listed']}")  # fmt: skip

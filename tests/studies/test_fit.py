@@ -1,0 +1,312 @@
+"""Fits of records with a known truth, beside SciPy and beside the bound of Cramer and Rao."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+import rigidmc as rm
+from bench import fits
+from rigidmc.studies.fit.answers import distinct, upright
+from rigidmc.studies.fit.missing import Law, covariance_of
+from rigidmc.studies.fit.parameters import PAIRS, left_jacobian
+from rigidmc.studies.fit.setup import make_problem, records_of
+from rigidmc.studies.fit.solve import Solution, minimise, polish
+from rigidmc.studies.fit.starts import balance, make_starts
+from rigidmc.studies.fit.uncertainty import ModelError, _basis, _likelihood, by_channel, model_error
+from rigidmc.studies.fit.uncertainty import covariance_of as covariance_by_channel
+from rigidmc.studies.fit.visible import seen
+
+MOMENTS, OMEGA = np.array([0.25, 0.85, 1.0]), np.array([0.8, 9.0, 0.5])
+NOISE, EVERY, END = 0.002, 0.01, 4.0
+SENSORS = ("bias", "scale", "alignment", "offset", "drift")
+
+
+def rates(ratios, omega, t):
+    """Return the rates (n, 3) of a free body by SciPy; ratios : I1/I3, I2/I3"""
+    i1, i2, i3 = *ratios, 1.0
+    found = solve_ivp(
+        lambda _, w: [(i2 - i3) * w[1] * w[2] / i1, (i3 - i1) * w[2] * w[0] / i2,
+                      (i1 - i2) * w[0] * w[1] / i3],
+        (0.0, t[-1]), omega, "DOP853", t, rtol=1e-11, atol=1e-12,
+    )  # fmt: skip
+    return found.y.T
+
+
+def record(noise=NOISE, seed=0):
+    """Return (times, rates) of a free body that flips three times."""
+    t = np.arange(0.0, END + 1e-9, EVERY)
+    omega = rates(MOMENTS[:2], OMEGA, t)
+    return t, omega + noise * np.random.default_rng(seed).normal(size=omega.shape)
+
+
+SCENE = rm.Scene(rm.Body((0.3, 0.8, 1.0)), start=rm.Start(omega=tuple(OMEGA)))
+FREE = "body.moments", "start.omega"
+
+
+def problem_of(table, nuisances=(), noise=NOISE, scene=SCENE, free=FREE, split=None):
+    records = records_of(scene, table, {}, None, split, ())
+    sigma = None if noise is None else dict.fromkeys(records[0].times, noise)
+    return make_problem(scene, free, (), records, sigma, nuisances, 1)
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return problem_of(fits.table_of(*record()))
+
+
+@pytest.fixture(scope="module")
+def of_two_records():
+    """Rates with all nuisances and attitudes, of two records with gaps."""
+    ds = fits.moved(SCENE, 1.0, 0.02, ("omega", "attitude"))
+    table = {"t": np.tile(ds.time.values, 2), "toss": np.repeat([0, 1], ds.time.size)}
+    for name, count in (("omega", 3), ("attitude", 4)):
+        for k in range(count):
+            table[f"{name}[{k + 1}]"] = np.tile(ds[name].values[:, k, 0], 2)
+    table["omega[2]"][[3, 60]] = np.nan
+    nuisances = [f"omega.{word}" for word in SENSORS] + [
+        "attitude.offset",
+        "attitude.drift",
+        "attitude.alignment",
+    ]
+    return problem_of(table, nuisances, 0.01, split="toss")
+
+
+def differences(of, x, steps=1e-6):
+    """Return the derivatives of `of` by central differences."""
+    each = steps * np.eye(x.size)
+    return np.stack([(of(x + d) - of(x - d)) / (2.0 * steps) for d in each], axis=-1)
+
+
+def some_coordinates(problem, seed=1):
+    random, x = np.random.default_rng(seed), problem.parameters.coordinates({})
+    return x + 0.05 * random.normal(size=x.size)
+
+
+def test_derivatives_of_residuals_are_those_of_central_differences(of_two_records):
+    x = some_coordinates(of_two_records)
+    residuals, slopes = of_two_records.jacobian(x)
+    found = differences(lambda y: of_two_records.jacobian(y)[0], x)
+    of_rates = residuals.size - 2 * 51 * 3
+    scale = np.abs(found[:of_rates]).max(0) + 1e-9  # 0 for the clock of the attitudes
+    np.testing.assert_allclose(slopes[:of_rates] / scale, found[:of_rates] / scale, atol=1e-6)
+    # those of an attitude are right where it is near the data, to first order
+    at = of_two_records.parameters.coordinates({})
+    _, slopes = of_two_records.jacobian(at)
+    found = differences(lambda y: of_two_records.jacobian(y)[0], at)[of_rates:]
+    np.testing.assert_allclose(slopes[of_rates:], found, atol=1e-5 * np.abs(found).max())
+
+
+def test_sums_of_trials_are_those_of_the_derivatives(of_two_records):
+    x = np.stack([some_coordinates(of_two_records, seed) for seed in range(11)])
+    sums = of_two_records.sums(x)
+    for i in (0, 10):
+        residuals, slopes = of_two_records.jacobian(x[i])
+        matrix = slopes.T @ slopes
+        np.testing.assert_allclose(sums.matrix[i], matrix, rtol=1e-9, atol=1e-9 * matrix.max())
+        gradient = -slopes.T @ residuals
+        np.testing.assert_allclose(sums.gradient[i], gradient, atol=1e-9 * np.abs(gradient).max())
+        assert sums.cost[i] == pytest.approx(residuals @ residuals, rel=1e-12)
+    for one, many in zip(of_two_records.sums(x[3:4]), sums, strict=True):
+        np.testing.assert_array_equal(one[0], many[3])  # whatever trials lie beside it
+
+
+def test_rotations_follow_from_rotation_vectors():
+    for turn in ([0.3, -0.8, 1.1], [3e-3, -2e-3, 4e-3], [0.0, 0.0, 0.0], [2.0, 2.0, 0.5]):
+        a = np.array(turn)
+
+        def small(b, a=a):
+            return (Rotation.from_rotvec(b) * Rotation.from_rotvec(a).inv()).as_rotvec()
+
+        found = left_jacobian(a[None])[0]
+        np.testing.assert_allclose(found, differences(small, a), atol=1e-9)
+
+
+def test_all_coordinates_are_those_of_a_body(problem):
+    parameters = problem.parameters
+    x = parameters.coordinates({"body.moments": MOMENTS, "start.omega": OMEGA})
+    np.testing.assert_allclose(parameters.values(x), [*MOMENTS, *OMEGA], rtol=1e-12)
+    for seed in range(20):
+        y = x + np.random.default_rng(seed).normal(0.0, 3.0, x.size)
+        moments = parameters.values(y)[:3]
+        assert (moments > 0.0).all() and 2.0 * moments.max() < moments.sum() * (1.0 + 1e-12)
+        np.testing.assert_allclose(moments, PAIRS @ np.exp(y[:3]))
+        slopes = differences(parameters.values, y)
+        np.testing.assert_allclose(parameters.slopes(y), slopes, rtol=1e-6, atol=1e-7)
+
+
+def scipy_fit(t, read):
+    """Return (ratios and start, their covariance for unit noise) of a fit by SciPy alone."""
+
+    def residuals(p):
+        return (read - rates(p[:2], p[2:], t)).ravel()
+
+    found = least_squares(residuals, [0.3, 0.8, *read[0]], jac="3-point", xtol=1e-12, ftol=1e-12)
+    return found.x, np.linalg.inv(found.jac.T @ found.jac)
+
+
+def test_a_fit_is_that_of_scipy(problem):
+    t, read = record()
+    expected, covariance = scipy_fit(t, read)
+    study = rm.fit(SCENE, fits.table_of(t, read), FREE, noise={"omega": NOISE}, trials=20)
+    found = np.array([*study.ratio.values[:2, 2], *study.value.values[0, 3:]])
+    deviation = NOISE * np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(found, expected, atol=1e-3 * deviation.min())
+    # residuals say how large the noise is: 1 +- 2.6 % for 747 of them
+    told = np.array([*study.ratio_deviation.values[:2, 2], *study.deviation.values[3:]])
+    np.testing.assert_allclose(told, deviation, rtol=0.1)
+    np.testing.assert_allclose(
+        told, deviation * study.attrs["reduced_chi_square"] ** 0.5, rtol=0.02
+    )
+    x = problem.parameters.coordinates(
+        {"body.moments": [*expected[:2], 1.0], "start.omega": expected[2:]}
+    )
+    assert study.cost.values[0] == pytest.approx(problem.sums(x[None]).cost[0], rel=1e-7)
+    assert np.isinf(study.deviation.values[:3]).all()
+
+
+def test_steps_in_lockstep_end_where_scipy_ends(problem):
+    x = make_starts(problem.parameters, problem.streams, 30, 3)
+    solution = minimise(problem, x)
+    assert solution.is_settled.sum() > 20
+    rough = np.sort(solution.sums.cost)
+    for i in np.argsort(solution.sums.cost)[:3]:
+        found = least_squares(
+            lambda y: problem.jacobian(y)[0], x[i], lambda y: problem.jacobian(y)[1], x_scale="jac"
+        )
+        assert solution.sums.cost[i] <= 2.0 * found.cost * (1.0 + 1e-5)
+    polished = polish(problem, solution, np.argsort(solution.sums.cost)[:2])
+    assert (np.sort(polished.sums.cost) <= rough).all()
+    gradient = problem.sums(polished.x[np.argsort(polished.sums.cost)[:1]])
+    step = np.linalg.pinv(gradient.matrix[0]) @ gradient.gradient[0]
+    assert np.sqrt(step @ gradient.matrix[0] @ step) < 1e-3  # of a standard deviation
+
+
+def test_trials_do_not_depend_on_those_beside_them(problem):
+    x = make_starts(problem.parameters, problem.streams, 9, 5)
+    whole = minimise(problem, x)
+    np.testing.assert_array_equal(minimise(problem, x[4:5]).x[0], whole.x[4])
+
+
+def test_the_balance_of_momentum_is_a_body():
+    t, read = record(1e-6)
+    turn = Rotation.from_rotvec([0.5, -0.2, 0.8]).as_matrix()
+    found = balance([(t, read @ turn.T)], whole=True)
+    tensor = turn @ np.diag(MOMENTS) @ turn.T
+    np.testing.assert_allclose(found / np.trace(found), tensor / np.trace(tensor), atol=2e-3)
+
+
+def test_a_renamed_body_with_its_sensor_turned_back_is_one_answer():
+    problem = problem_of(fits.table_of(*record()), ("alignment",))
+    names = {"body.moments": MOMENTS, "start.omega": OMEGA}
+    x = problem.parameters.coordinates({**names, "omega.alignment": np.array([0.02, 0.01, -0.03])})
+    trials = []
+    for g in Rotation.create_group("O"):
+        turn = Rotation.from_rotvec([0.02, 0.01, -0.03]) * g
+        renamed = {"body.moments": MOMENTS @ np.abs(g.as_matrix()),
+                   "start.omega": OMEGA @ g.as_matrix()}  # fmt: skip
+        trials.append(
+            problem.parameters.coordinates({**renamed, "omega.alignment": turn.as_rotvec()})
+        )
+    sums = problem.sums(np.array(trials))
+    np.testing.assert_allclose(sums.cost, sums.cost[0], rtol=1e-6)
+    many = Solution(np.array(trials), sums, np.ones(24, bool), 1)
+    assert len(distinct(problem, many, 0, 1.0).trials) > 1
+    one = upright(problem, many)
+    np.testing.assert_allclose(one.x, np.tile(x, (24, 1)), atol=1e-9)
+    assert distinct(problem, one, 0, 1.0).ends.tolist() == [24]
+
+
+def test_the_error_of_residuals_has_the_likelihood_of_dense_matrices():
+    random, t = np.random.default_rng(2), np.sort(np.random.default_rng(3).uniform(0, 3, 40))
+    jacobian, residuals = random.normal(size=(80, 3)), random.normal(size=80)
+    places = [np.arange(0, 80, 2), np.arange(1, 80, 2)]
+    times = np.repeat(t, 2)
+    channels = by_channel(places, np.tile(np.arange(3), (2, 1)), times, residuals, jacobian)
+    shown = seen(jacobian.T @ jacobian)
+    basis = _basis(shown)
+
+    def dense(ratio, time):
+        same = (np.arange(80)[:, None] - np.arange(80)) % 2 == 0
+        lasting = ratio * np.exp(-np.abs(times[:, None] - times) / time) * same
+        return np.eye(80) + lasting
+
+    def likelihood(ratio, time):
+        inverse, design = np.linalg.inv(dense(ratio, time)), jacobian @ basis
+        matrix = design.T @ inverse @ design
+        left = residuals @ inverse @ residuals
+        right = design.T @ inverse @ residuals
+        variance = (left - right @ np.linalg.solve(matrix, right)) / 77
+        terms = 77 * np.log(variance) + np.linalg.slogdet(dense(ratio, time))[1]
+        return -0.5 * (terms + np.linalg.slogdet(matrix)[1]), variance
+
+    for ratio, time in ((0.0, 1.0), (0.7, 0.3), (20.0, 5.0)):
+        np.testing.assert_allclose(
+            _likelihood(channels, basis, ratio, time), likelihood(ratio, time), rtol=1e-9
+        )
+    found = model_error(channels, shown)
+    assert found.gain >= 0.0 and not found.is_seen
+    error = ModelError(0.8, 0.5, 0.4, 9.0)
+    middle = jacobian.T @ (0.8 * dense(0.5 / 0.8, 0.4)) @ jacobian
+    inverse = np.linalg.inv(jacobian.T @ jacobian)
+    np.testing.assert_allclose(
+        covariance_by_channel(channels, shown, error), inverse @ middle @ inverse, rtol=1e-9
+    )
+
+
+def test_lasting_residuals_are_seen():
+    random, t = np.random.default_rng(4), 0.01 * np.arange(300)
+    lasting = np.zeros(300)
+    for k in range(1, 300):
+        lasting[k] = 0.9 * lasting[k - 1] + 0.44 * random.normal()
+    residuals = 0.5 * random.normal(size=300) + lasting
+    jacobian = np.ones((300, 1))
+    channels = by_channel([np.arange(300)], np.zeros((1, 1), int), t, residuals, jacobian)
+    found = model_error(channels, seen(jacobian.T @ jacobian))
+    assert found.is_seen
+    assert 0.4 < found.white / 0.25 < 2.0 and 0.4 < found.lasting < 2.5
+    assert 0.04 < found.time < 0.25  # 10 samples
+
+
+def test_the_covariance_is_the_mean_over_laws():
+    one, two = np.diag([1.0, 4.0]), np.diag([2.0, 2.0])
+    found = covariance_of(
+        [Law(0.25, np.zeros(2), one), Law(0.75, np.array([1.0, 0.0]), two)],
+        lambda x: (3.0 * x, 3.0 * np.eye(2)),
+    )
+    np.testing.assert_allclose(found, 9.0 * np.diag([0.25 + 0.75 * (2.0 + 1.0), 2.5]))
+
+
+def test_deviations_are_at_the_bound_of_cramer_and_rao():
+    """A phone that flips three times: 2 mrad/s at 100 Hz."""
+    t, _ = record()
+    slopes = differences(lambda p: rates(p[:2], p[2:], t).ravel(), np.array([*MOMENTS[:2], *OMEGA]))
+    bound = NOISE * np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))[:2]
+    assert (np.diff(np.sign(rates(MOMENTS[:2], OMEGA, t)[:, 1])) != 0).sum() >= 3
+    off = []
+    for seed in range(40):
+        table = fits.table_of(*record(seed=seed))
+        study = rm.fit(SCENE, table, FREE, noise={"omega": NOISE}, trials=4)
+        off.append((study.ratio.values[:2, 2] - MOMENTS[:2]) / bound)
+        np.testing.assert_allclose(study.ratio_deviation.values[:2, 2], bound, rtol=0.1)
+    # of 80 errors of which two and two are correlated, the mean square is 1 +- .2
+    assert 0.5 < np.mean(np.square(off)) < 1.6
+
+
+@pytest.mark.parametrize("name", fits.GAUGES)
+def test_what_the_data_show_is_told(name):
+    row = fits.gauge_of(name)
+    assert row["right"], row
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("law", "least"), [(fits.LAWS[0], 0.92), (fits.LAWS[1], 0.88)])
+def test_intervals_cover_the_truth(law, least):
+    """40 records of 11 parameters, correlated: +- 2.5 %; `python -m bench fits` has 200."""
+    rows = [fits.fit_one(seed, law, trials=30) for seed in range(40)]
+    inside = np.abs([row["off"] for row in rows]) < 1.96
+    assert least < inside.mean() < 0.995
+    assert np.mean([row["is_listed"] for row in rows]) >= (0.97 if law == fits.LAWS[0] else 0.9)
+    told = np.mean([row["told"] for row in rows])
+    assert told < 0.15 if law == fits.LAWS[0] else told > 0.8
