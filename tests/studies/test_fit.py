@@ -212,7 +212,6 @@ def test_a_renamed_body_with_its_sensor_turned_back_is_one_answer():
     sums = problem.sums(np.array(trials))
     np.testing.assert_allclose(sums.cost, sums.cost[0], rtol=1e-6)
     many = Solution(np.array(trials), sums, np.ones(24, bool), 1)
-    assert len(distinct(problem, many, 0, 1.0).trials) > 1
     one = upright(problem, many)
     np.testing.assert_allclose(one.x, np.tile(x, (24, 1)), atol=1e-9)
     assert distinct(problem, one, 0, 1.0).ends.tolist() == [24]

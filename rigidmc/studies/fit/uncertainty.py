@@ -15,10 +15,12 @@ Source: Patterson & Thompson, Biometrika 58 (1971) 545; White, Econometrica 48 (
 """
 
 import math
-from typing import NamedTuple
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded, solveh_banded
 from scipy.optimize import minimize
 
 from rigidmc.studies.fit.problem import FitProblem
@@ -26,7 +28,7 @@ from rigidmc.studies.fit.streams import Array
 from rigidmc.studies.fit.visible import Seen, seen
 
 SEEN = 4.6  # gain of a model error that white noise has with a chance of 1 % (chi^2, 2)
-MOST = 2000  # samples of a channel that the likelihood takes; of longer ones, means of neighbours
+SEEN = 4.6  # gain that white noise has with a chance of 1 % (chi^2, 2)
 
 
 class ModelError(NamedTuple):
@@ -50,9 +52,9 @@ class ModelError(NamedTuple):
 class Channels(NamedTuple):
     """Residuals and their derivatives, each channel of each record beside the others.
 
-    steps : times since the sample before (samples, channels), 0 before the first
-    rows : residual and derivatives (samples, channels, 1 + columns), 0 where there is no sample
-    is_there : whether there is one (samples, channels)
+    steps : times since the sample before (channels, samples), 0 before the first
+    rows : residual and derivatives (channels, samples, 1 + columns), 0 where there is no sample
+    is_there : whether there is one (channels, samples)
     places : place among all coordinates of each column of a channel (channels, columns)
     parameters : number of all coordinates
     """
@@ -81,40 +83,36 @@ def by_channel(
     """Put residuals side by side. places : of each channel, in order of time;  index : as in
     Channels"""
     longest = max(place.size for place in places)
-    steps = np.zeros((longest, len(places)))
+    steps = np.zeros((len(places), longest))
     rows = np.zeros((*steps.shape, 1 + index.shape[1]))
     is_there = np.zeros(steps.shape, bool)
     for i, place in enumerate(places):
-        steps[1 : place.size, i] = np.diff(times[place])
-        rows[: place.size, i, 0] = residuals[place]
-        rows[: place.size, i, 1:] = jacobian[place[:, None], index[i]]
-        is_there[: place.size, i] = True
+        steps[i, 1 : place.size] = np.diff(times[place])
+        rows[i, : place.size, 0] = residuals[place]
+        rows[i, : place.size, 1:] = jacobian[place[:, None], index[i]]
+        is_there[i, : place.size] = True
     return Channels(steps, rows, is_there, index, jacobian.shape[1])
 
 
 def model_error(channels: Channels, shown: Seen) -> ModelError:
     """Return the covariance of the residuals that has the largest restricted likelihood."""
     basis = _basis(shown)
-    span = float(channels.steps.sum(0).max())
+    span = float(channels.steps.sum(1).max())
     shortest = float(np.median(channels.steps[channels.steps > 0.0]))
     white = _likelihood(channels, basis, 0.0, 1.0)
 
-    def cost(x: Array) -> float:
+    def cost(x: Any) -> float:
         return -_likelihood(channels, basis, math.exp(x[0]), math.exp(x[1]))[0]
 
-    best, low = None, 0.3 * shortest
-    for guess in (2.0 * shortest, 0.1 * span, span):
-        found = minimize(
-            cost, (0.0, math.log(max(guess, low))), method="Nelder-Mead",
-            bounds=((-12.0, 16.0), (math.log(low), math.log(3.0 * span))),
-            options={"xatol": 0.05, "fatol": 0.05, "maxiter": 80},
-        )  # fmt: skip
-        if best is None or found.fun < best.fun:
-            best = found
-    assert best is not None
+    low, high = math.log(0.3 * shortest), math.log(3.0 * span)
+    guesses = product((-3.0, 0.0, 3.0), np.linspace(low, high, 7)[1:-1])
+    best = minimize(
+        cost, min(guesses, key=cost), method="Nelder-Mead", bounds=((-12.0, 16.0), (low, high)),
+        options={"xatol": 0.05, "fatol": 0.05, "maxiter": 80},
+    )  # fmt: skip
     gain = -float(best.fun) - white[0]
-    if not gain > 0.0:
-        return ModelError(white[1], 0.0, shortest, 0.0)
+    if not gain > SEEN:  # a hint of it would widen one interval in ten by a half
+        return ModelError(white[1], 0.0, shortest, max(0.0, gain))
     ratio, time = np.exp(best.x)
     variance = _likelihood(channels, basis, ratio, time)[1]
     return ModelError(variance, ratio * variance, float(time), gain)
@@ -128,29 +126,38 @@ def _basis(shown: Seen) -> Array:
     return np.asarray(vectors[:, keep] * np.sqrt(values[keep]))
 
 
+def _inverse(channels: Channels, time: float) -> tuple[Array, float]:
+    """Return (the inverse of the autocorrelation exp(-|t_k - t_l|/T), the logarithm of its
+    determinant): tridiagonal, all channels in a row, its upper diagonal before its main one.
+
+    Source: Rasmussen & Williams, Gaussian Processes for Machine Learning (2006), appendix B.
+    """
+    is_next = channels.is_there & (np.arange(channels.steps.shape[1]) > 0)
+    ratio = (channels.steps / time).ravel()[is_next.ravel()]
+    rho, left = np.zeros(is_next.size), np.ones(is_next.size)
+    rho[is_next.ravel()] = np.exp(-ratio)
+    left[is_next.ravel()] = np.maximum(-np.expm1(-2.0 * ratio), 1e-12)  # 1 - rho^2
+    diagonal = 1.0 / left
+    diagonal[:-1] += (rho**2 / left)[1:]
+    return np.stack([-rho / left, diagonal]), float(np.log(left).sum())
+
+
 def _likelihood(channels: Channels, basis: Array, ratio: float, time: float) -> tuple[float, float]:
     """Return (logarithm of the restricted likelihood at the best v, that v) for u = ratio v.
 
-    By a Kalman filter for the model error, over all channels at once: innovations of residuals and
-    derivatives are uncorrelated.
+    C/v = 1 + ratio K with the autocorrelation K, whose inverse is tridiagonal:
+    C^-1 v = K^-1 (K^-1 + ratio)^-1, in a time that grows with the number of samples.
     """
-    steps, rows, is_there, index, _ = channels
-    decay = np.exp(-steps / time)
-    count, columns = rows.shape[1:]
-    mean, spread = np.zeros((count, columns)), np.full(count, ratio)
-    information, logarithm = np.zeros((count, columns, columns)), 0.0
-    for k in range(rows.shape[0]):
-        if k:
-            mean = decay[k][:, None] * mean
-            spread = ratio + decay[k] ** 2 * (spread - ratio)
-        there = is_there[k]
-        variance = 1.0 + spread
-        innovation = np.where(there[:, None], rows[k] - mean, 0.0)
-        information += innovation[:, :, None] * (innovation / variance[:, None])[:, None, :]
-        logarithm += float(np.log(variance[there]).sum())
-        gain = np.where(there, spread / variance, 0.0)
-        mean = mean + gain[:, None] * innovation
-        spread = spread * (1.0 - gain)
+    rows, is_there, index = channels.rows, channels.is_there, channels.places
+    band, logarithm = _inverse(channels, time)
+    factor = cholesky_banded(band + np.array([[0.0], [ratio]]))
+    logarithm += 2.0 * float(np.log(factor[1]).sum())
+    logarithm -= np.count_nonzero(~is_there) * math.log1p(ratio)
+    y = cho_solve_banded((factor, False), rows.reshape(-1, rows.shape[2]))
+    x = band[1][:, None] * y
+    x[1:] += band[0, 1:, None] * y[:-1]
+    x[:-1] += band[0, 1:, None] * y[1:]
+    information = rows.transpose(0, 2, 1) @ x.reshape(rows.shape)
     matrix = basis.T @ channels.gathered(information[:, 1:, 1:]) @ basis
     right = np.zeros(channels.parameters)
     np.add.at(right, index, information[:, 1:, 0])
@@ -164,13 +171,11 @@ def _likelihood(channels: Channels, basis: Array, ratio: float, time: float) -> 
 
 def covariance_of(channels: Channels, shown: Seen, error: ModelError) -> Array:
     """Return the covariance of the coordinates (size, size), on what the data show."""
-    jacobian, decay = channels.rows[..., 1:], np.exp(-channels.steps / error.time)
-    white = np.einsum("kci,kcj->cij", jacobian, jacobian)
-    both, total = np.zeros_like(white), np.zeros(jacobian.shape[1:])
-    for k in range(jacobian.shape[0]):
-        total = decay[k][:, None] * total + jacobian[k]
-        both += jacobian[k][:, :, None] * total[:, None, :]
-    lasting = both + both.transpose(0, 2, 1) - white
+    jacobian = channels.rows[..., 1:]
+    band = _inverse(channels, error.time)[0]
+    lasting = solveh_banded(band, jacobian.reshape(-1, jacobian.shape[2])).reshape(jacobian.shape)
+    across = jacobian.transpose(0, 2, 1)
+    white, lasting = across @ jacobian, across @ lasting
     middle = channels.gathered(error.white * white + error.lasting * lasting)
     return np.asarray(shown.inverse @ middle @ shown.inverse)
 
