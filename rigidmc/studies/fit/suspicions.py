@@ -26,6 +26,7 @@ from rigidmc.studies.fit.streams import Array
 
 HELD = 3  # successive readings at the extreme of a channel that are saturation
 REPEATED = 0.3  # fraction of readings that equal the one before, if the sensor is slower
+RESOLVED = 0.5  # rad between two readings: sums of them are integrals to some percent
 TURNED = 2.0  # rad between two readings: the rates then hide most of the motion
 MOST_TURNED = 1e6  # rad in a record: 4e6 saves
 WINDOW_COUNT = 400  # of all records, in the balance of angular momentum
@@ -77,10 +78,11 @@ def examine(
     records = [_without_saturated(record, notes) for record in records]
     rates = [(r.times["omega"], r.values["omega"]) for r in records if "omega" in r.values]
     if rates:
-        _turns(rates, notes)
+        between = _turns(rates, notes)
         known = {name_of(effect) for effect in scene.effects}
         if known <= set(DAMPING):
-            notes += _balance(scene, rates, any("alignment" in word for word in nuisances))
+            is_turned = any("alignment" in word for word in nuisances)
+            notes += _balance(scene, rates, is_turned, between < RESOLVED)
     return records, notes
 
 
@@ -138,8 +140,8 @@ def _runs(is_in: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def _turns(rates: Sequence[tuple[Array, Array]], notes: list[str]) -> None:
-    """Tell rates that turn the body by radians between readings; OptionError if no run can."""
+def _turns(rates: Sequence[tuple[Array, Array]], notes: list[str]) -> float:
+    """Return the angle between readings [rad], and tell a large one; OptionError for no run."""
     between, longest = 0.0, 0.0
     for t, w in rates:
         speed = float(np.median(np.linalg.norm(np.nan_to_num(w), axis=1)))
@@ -151,15 +153,18 @@ def _turns(rates: Sequence[tuple[Array, Array]], notes: list[str]) -> None:
         raise OptionError(f"{words} and {longest:.3g} rad in a record: {asks}", at="data")
     if between > TURNED:
         notes.append(f"{words}: {asks}")
+    return between
 
 
-def _balance(scene: Scene, rates: Sequence[tuple[Array, Array]], is_turned: bool) -> list[str]:
+def _balance(
+    scene: Scene, rates: Sequence[tuple[Array, Array]], is_turned: bool, is_resolved: bool
+) -> list[str]:
     """Return what the balance of angular momentum tells of units and axes."""
     windows = _windows(rates)
     moments = np.array(nominal_of(scene.model, ["body.moments"])["body.moments"])
     if windows is None:
         return []
-    return _units(windows, rates, moments) or _axes(windows, moments, is_turned)
+    return _units(windows, rates, moments, is_resolved) or _axes(windows, moments, is_turned)
 
 
 def _windows(rates: Sequence[tuple[Array, Array]]) -> Windows | None:
@@ -182,7 +187,9 @@ def _windows(rates: Sequence[tuple[Array, Array]]) -> Windows | None:
     return Windows(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
 
-def _units(windows: Windows, rates: Sequence[tuple[Array, Array]], moments: Array) -> list[str]:
+def _units(
+    windows: Windows, rates: Sequence[tuple[Array, Array]], moments: Array, is_resolved: bool
+) -> list[str]:
     """Tell rates, or times, that suit a body only if multiplied by a factor."""
 
     def left(x: Array, factor: float) -> Array:
@@ -207,6 +214,13 @@ def _units(windows: Windows, rates: Sequence[tuple[Array, Array]], moments: Arra
         end = least_squares(left, np.append(end.x, 0.0), args=(1.0 / wrong,), max_nfev=60)
         if end.cost < best:
             best, scale = float(end.cost), wrong / float(np.exp(end.x[5]))
+    size = windows.change.size * max(float(np.nanmean(w**2)) for _, w in rates)
+    if is_resolved and 2.0 * best > EXPLAINED**2 * max(
+        float(np.sum(windows.change**2)), EXPLAINED * size
+    ):
+        return [
+            "no free body moves so, with any axes and units: does a torque or a rotor act on it?"
+        ]
     if costs[1.0] <= BETTER * best or 1.0 / ALIKE < scale < ALIKE:
         return []
     text = "another sampling rate, or another unit"
