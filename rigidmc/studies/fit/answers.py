@@ -9,11 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from rigidmc.studies.fit.parameters import MOMENTS
 from rigidmc.studies.fit.problem import FitProblem
-from rigidmc.studies.fit.solve import Solution
+from rigidmc.studies.fit.solve import HOPELESS, Solution
 from rigidmc.studies.fit.streams import Array
 
 MOST = 20  # answers kept
-HOPELESS = 100.0  # excess of the cost, in variances of a residual: ten standard deviations
 ALIKE = 0.01  # of the variance of a residual: a tenth of a standard deviation
 SAME = 1.0  # squared distance, in standard deviations, up to which two minima are one
 

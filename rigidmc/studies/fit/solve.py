@@ -17,6 +17,8 @@ from rigidmc.studies.fit.streams import Array
 
 LONGEST = 1.0  # of a step of ln J: trial bodies change by a factor e at most
 GAIN = 1e-3  # a step of less changes nothing that the data can tell
+HOPELESS = 100.0  # excess of the cost, in variances of a residual: ten standard deviations
+EARLIEST = 10  # iterations before a slow trial is left
 MOST_DAMPED = 1e8  # no step of this damping has an effect: the trial rests
 
 
@@ -42,7 +44,8 @@ def minimise(problem: FitProblem, x: Array, most: int = 60) -> Solution:
     # copies, because they change below
     sums = problem.sums(x)
     matrix, gradient, cost = sums
-    moves, iterations = np.isfinite(cost), 1
+    moves, iterations, pace = np.isfinite(cost), 1, np.zeros(cost.size)
+    rests = np.zeros(cost.size, bool)
     while moves.any() and iterations < most:
         some = np.flatnonzero(moves)
         step, expected = damped_steps(matrix[some], gradient[some], damping[some])
@@ -64,8 +67,14 @@ def minimise(problem: FitProblem, x: Array, most: int = 60) -> Solution:
         damping[some] = np.maximum(1e-12, damping[some] * factor)
         small = np.where(better, gain, expected) <= accuracy * cost[some]
         cost[took] = tried.cost[better]
-        moves[some[small | (damping[some] > MOST_DAMPED)]] = False
-    return Solution(x, Sums(matrix, gradient, cost), ~moves & np.isfinite(cost), iterations)
+        # A trial that at twice its pace cannot come near the best one any more rests too.
+        pace[some] = np.where(better, gain, 0.3 * pace[some])
+        least = cost.min()
+        ahead = cost[some] - least - HOPELESS * least / max(1, problem.residuals)
+        slow = 2.0 * pace[some] * (most - iterations) < ahead
+        rests[some] = small | (damping[some] > MOST_DAMPED)
+        moves[some[rests[some] | (slow & (iterations > EARLIEST))]] = False
+    return Solution(x, Sums(matrix, gradient, cost), rests & np.isfinite(cost), iterations)
 
 
 def damped_steps(matrix: Array, gradient: Array, damping: Array) -> tuple[Array, Array]:
