@@ -124,15 +124,14 @@ def _ratios(parameters: FitParameters, allowed: Sequence[Law]) -> tuple[Array, A
         return np.full((3, 3), np.nan), np.full((3, 3), np.nan)
     places = parameters.places_of(MOMENTS)[0]
 
-    def logarithms(x: Array) -> tuple[Array, Array]:
+    def ratios(x: Array) -> tuple[Array, Array]:
         moments = parameters.values(x)[places]
-        return np.log(moments), parameters.slopes(x)[places] / moments[:, None]
+        each, slope = moments[:, None] / moments, parameters.slopes(x)[places] / moments[:, None]
+        change = each[..., None] * (slope[:, None, :] - slope)
+        return each.ravel(), change.reshape(9, -1)
 
-    covariance = covariance_of(allowed, logarithms)
-    variance = np.diag(covariance)[:, None] + np.diag(covariance) - 2.0 * covariance
-    moments = parameters.values(allowed[0].x)[places]
-    ratio = moments[:, None] / moments
-    return ratio, ratio * np.sqrt(np.maximum(variance, 0.0))
+    variance = np.diag(covariance_of(allowed, ratios)).reshape(3, 3)
+    return ratios(allowed[0].x)[0].reshape(3, 3), np.sqrt(np.maximum(variance, 0.0))
 
 
 def _units(problem: FitProblem) -> list[str]:
