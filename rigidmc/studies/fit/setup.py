@@ -50,6 +50,7 @@ def make_problem(
     noise: Any,
     nuisances: Sequence[str],
     threads: int,
+    finer: int = 1,
 ) -> FitProblem:
     """Return the problem of a fit; OptionError or SceneError.
 
@@ -57,7 +58,7 @@ def make_problem(
     noise : of observables, as the user gives it;  nuisances : words such as bias and omega.bias
     """
     nominal = _nominal(scene, free)
-    run = prepare_scene(_with_saves(scene, nominal, records))
+    run = prepare_scene(_with_saves(scene, nominal, records, finer))
     for name in own:
         if name not in nominal:
             raise unknown("free parameter", nominal, at="each", value=name, error=OptionError)
@@ -86,13 +87,16 @@ def _nominal(scene: Scene, free: Sequence[str]) -> dict[str, float | list[float]
     return nominal
 
 
-def _with_saves(scene: Scene, nominal: Mapping[str, Any], records: Sequence[Record]) -> Scene:
+def _with_saves(
+    scene: Scene, nominal: Mapping[str, Any], records: Sequence[Record], finer: int
+) -> Scene:
     """Return the scene with the run of a fit, whose saves lie around the samples.
 
     rk8 with these steps is exact to 1e-9 of a rate, as the polynomials are.
+    finer : divides the step
     """
     longest = max(t[-1] - t[0] for record in records for t in record.times.values())
-    every = min(TURN / _fastest(scene, records), longest / LEAST)
+    every = min(TURN / _fastest(scene, records), longest / LEAST) / finer
     steps = max(LEAST, int(np.ceil(longest / every - _ONE_STEP)))
     observables = tuple(dict.fromkeys(name for record in records for name in record.times))
     return scene.with_run(

@@ -57,7 +57,7 @@ from rigidmc.studies.fit.records import read_columns_option
 from rigidmc.studies.fit.setup import make_problem, records_of
 from rigidmc.studies.fit.solve import minimise, polish
 from rigidmc.studies.fit.starts import make_starts
-from rigidmc.studies.fit.streams import NUISANCES
+from rigidmc.studies.fit.streams import NUISANCES, Array
 from rigidmc.studies.fit.suspicions import examine
 from rigidmc.studies.fit.uncertainty import SEEN, assess
 from rigidmc.studies.fit.visible import in_words, seen
@@ -66,6 +66,8 @@ from rigidmc.studies.framework.options import Names, Options, Words, confidence_
 from rigidmc.studies.framework.study import Example, OutputFile, Study
 from rigidmc.studies.framework.work import Direct
 
+MOST_FINER = 64  # steps, times that of the rates: a nutation is 64 times as fast as they
+RESOLVED = 0.1  # of the noise: it changes no parameter by more than a tenth of its deviation
 MOST_ANSWERS = 4  # printed besides the best: a screen has 24 lines
 
 
@@ -146,6 +148,15 @@ class FitOptions(Options):
     confidence: float = confidence_option("confidence of the intervals")
 
 
+def is_resolved(problem: FitProblem, finer: FitProblem, x: Array) -> bool:
+    """Return whether half the step changes the residuals at x by less than their noise."""
+    residuals = problem.jacobian(x)[0]
+    change = residuals - finer.jacobian(x)[0]
+    # of exact data, whose noise is rounding, by less than a tenth of the residuals
+    allowed = RESOLVED * max(1.0, float(np.std(residuals)))
+    return not np.std(change) > allowed  # nan if the motion is flagged: no step helps
+
+
 def compute(scene: Scene, options: FitOptions, threads: int | None, progress: Any) -> xr.Dataset:
     """Return the Dataset of the study."""
     refuse_noise(scene.effects)
@@ -156,13 +167,12 @@ def compute(scene: Scene, options: FitOptions, threads: int | None, progress: An
     for line in notes if progress else ():
         say(line)
 
+    finer = 1
+
     def make(moved: Scene, more: Sequence[str] = ()) -> FitProblem:
-        free, own, nuisances = (
-            (*(options.free or ()), *more),
-            options.each or (),
-            options.nuisances or (),
-        )
-        return make_problem(moved, free, own, records, options.noise, nuisances, threads)
+        free, own = (*(options.free or ()), *more), options.each or ()
+        nuisances = options.nuisances or ()
+        return make_problem(moved, free, own, records, options.noise, nuisances, threads, finer)
 
     problem = make(scene)
     x = make_starts(problem.parameters, problem.streams, options.trials, scene.run.seed)
@@ -170,11 +180,22 @@ def compute(scene: Scene, options: FitOptions, threads: int | None, progress: An
         first = seen(problem.sums(x[:1]).matrix[0])
         for line in in_words(problem.parameters, x[0], first):
             say(line)
-    solution = upright(problem, minimise(problem, x))
-    solution = polish(problem, solution, contenders(problem, solution))
-    best = best_of(problem, solution)
-    found, cost = assess(problem, solution.x[best]), float(solution.sums.cost[best])
-    torques = candidates(scene, problem, solution.x[best], cost, make, found.error.is_seen)
+    at = x[0]
+    while True:  # a rotor or a spring moves a body faster than its rates show
+        finer *= 2
+        next_one = make(scene)
+        if finer <= MOST_FINER and not is_resolved(problem, next_one, at):
+            problem = next_one
+            continue
+        finer //= 2
+        solution = upright(problem, minimise(problem, x))
+        solution = polish(problem, solution, contenders(problem, solution))
+        best = best_of(problem, solution)
+        at = solution.x[best]
+        if finer >= MOST_FINER or is_resolved(problem, next_one, at):
+            break
+    found, cost = assess(problem, at), float(solution.sums.cost[best])
+    torques = candidates(scene, problem, at, cost, make, found.error.is_seen)
     made = dataset_of(scene, problem, solution, best, found, torques, options.confidence)
     return made.assign_attrs(notes="\n".join(notes))
 
