@@ -38,6 +38,9 @@ def make_starts(
     scale = 10.0 ** random.uniform(-2.0, 0.0, (count, 1))
     x = best + scale * random.standard_normal((count, best.size)) * spreads(parameters, best, known)
     x[0] = best
+    # A rotor or a torque breaks the balance: every fourth trial begins around the user's body.
+    own = parameters.coordinates(guess(parameters, streams, balanced=False))
+    x[1::4] += own - best
     return np.clip(x, parameters.low, parameters.high)
 
 
@@ -57,8 +60,13 @@ def spreads(parameters: FitParameters, x: Array, known: Mapping[str, Array]) -> 
     return spread
 
 
-def guess(parameters: FitParameters, streams: tuple[Stream, ...]) -> dict[str, Array]:
-    """Return the parameters that the data show without a fit: {name: values}."""
+def guess(
+    parameters: FitParameters, streams: tuple[Stream, ...], balanced: bool = True
+) -> dict[str, Array]:
+    """Return the parameters that the data show without a fit: {name: values}.
+
+    balanced : also the body, by the balance of its angular momentum
+    """
     values: dict[str, Array] = {}
     for stream in streams:
         names = {"omega": "start.omega", "momentum": "start.momentum", "attitude": "start.attitude"}
@@ -68,7 +76,7 @@ def guess(parameters: FitParameters, streams: tuple[Stream, ...]) -> dict[str, A
             if first.shape[1] == parameters.nominal[name].size:
                 values[name] = first
     rates = [s for s in streams if s.observable == "omega"]
-    if rates and MOMENTS in parameters.nominal:
+    if balanced and rates and MOMENTS in parameters.nominal:
         values |= _body(parameters, rates[0], streams.index(rates[0]), values)
     return values
 

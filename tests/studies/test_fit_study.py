@@ -1,0 +1,123 @@
+"""What `fit` says and writes: its table, the fitted scene, the pictures, and what it refuses."""
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.errors import OptionError, SceneError
+from rigidmc.studies.fit.study import in_digits
+from rigidmc.studies.fit.study import table as lines_of
+from tests.tools.commands import invoke
+
+RACKET = {"effects.quadratic_drag.drag": 3e-5}
+FREE = "body.moments,start.omega"
+DRAG = "effects.quadratic_drag.drag"
+SENSOR = "bias,alignment"
+
+
+@pytest.fixture(scope="module")
+def dragged():
+    """The fit of the shipped record by the scene that made it."""
+    scene = rm.Scene.load("tennis_racket", RACKET)
+    return rm.fit(scene, "toss", f"{FREE},{DRAG}", nuisances=SENSOR, trials=20)
+
+
+@pytest.fixture(scope="module")
+def free():
+    """The fit without drag."""
+    return rm.fit("tennis_racket", "toss", FREE, nuisances=SENSOR, trials=20)
+
+
+@pytest.mark.parametrize(("value", "deviation", "texts"), [
+    (9.00251, 0.0044, ("9.0025", "0.0044")),
+    (0.40048, 0.0025, ("0.4005", "0.0025")),
+    (-123.456, 12.0, ("-123", "12")),
+    (3.0734e-5, 1.2e-6, ("3.07e-05", "1.2e-06")),
+    (0.001, 5.0, ("0.0010", "5")),
+    (0.017482, np.inf, ("0.01748", "not shown")),
+    (2.0, 0.0, ("2", "0")),
+])  # fmt: skip
+def test_digits_follow_the_deviation(value, deviation, texts):
+    assert in_digits(value, deviation) == texts
+
+
+def test_the_right_model_says_nothing_more(dragged):
+    text = "\n".join(lines_of(dragged))
+    assert dragged.sizes["answer"] == 1 and "another answer" not in text
+    assert "leaves something out" not in text and "--set" not in text
+    found = dragged.ratio.sel(over="body.moments.3").values[:2]
+    off = (found - np.array([0.00121, 0.01638]) / 0.01748) / dragged.ratio_deviation.values[:2, 2]
+    assert np.abs(off).max() < 0.5  # measured 0.07
+    assert 0.85 < dragged.attrs["reduced_chi_square"] ** 0.5 < 1.1  # measured 0.934
+
+
+def test_a_missing_drag_is_proposed_as_it_is_typed(free, tmp_path):
+    text = "\n".join(lines_of(free))
+    assert "leaves something out" in text and str(free.torque.values[0]) == "quadratic drag"
+    assert f'--set "{free.setting.values[0]}" --free ...,{DRAG}' in text
+    words = "--set", str(free.setting.values[0]), "--free", f"{FREE},{DRAG}"
+    done = invoke("fit", "tennis_racket", "toss", *words, "--nuisances", SENSOR, "--trials", 4)
+    assert done.exit_code == 0 and "leaves something out" not in done.output, done.output
+
+
+def test_the_written_scene_runs_as_the_body_did(dragged, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = "--set", f"{DRAG}=3e-5", "--free", f"{FREE},{DRAG}", "--nuisances", SENSOR
+    done = invoke("fit", "tennis_racket", "toss", *words, "--trials", 4, "--scene", "fitted.toml")
+    assert done.exit_code == 0 and "wrote fitted.toml" in done.output, done.output
+    again = invoke("fit", "tennis_racket", "toss", *words, "--trials", 4, "--scene", "fitted.toml")
+    assert again.exit_code != 0  # it replaces nothing without --force
+    scene = rm.Scene.load("fitted.toml")
+    ds = rm.simulate(scene, members=200, t_end=1.0, every=0.1, save="omega")
+    assert (ds.status == 0).all()  # every draw is a body
+    start = ds.omega.isel(time=0)
+    places = [f"start.omega.{i}" for i in (1, 2, 3)]
+    width = dragged.deviation.sel(parameter=places).values
+    np.testing.assert_allclose(start.std("member"), width, rtol=0.2)  # of 200: 5 %
+
+
+def test_a_record_of_each_toss_is_one_row():
+    t = np.arange(0.0, 0.5, 0.01)
+    rows = []
+    for i in range(5):
+        start = rm.Start(omega=(0.4, 9.0 + i, 0.3))
+        ds = rm.simulate(
+            rm.Scene(rm.Body((0.00121, 0.01638, 0.01748)), start=start), "rk8", dt=0.01,
+            t_end=0.49, every=0.01, save="omega", members=1,
+        )  # fmt: skip
+        rows.append(np.column_stack([t, np.full(50, i), ds.omega.values[:, :, 0]]))
+    table = np.concatenate(rows)
+    table[:, 2:] += 0.004 * np.random.default_rng(1).normal(size=(250, 3))
+    data = dict(zip(("t", "toss", "omega[1]", "omega[2]", "omega[3]"), table.T, strict=True))
+    study = rm.fit("tennis_racket", data, FREE, split="toss", trials=10)
+    assert study.sizes["parameter"] == 3 + 15
+    lines = lines_of(study)
+    assert "750 readings of 5 records" in lines[0]
+    assert sum("start.omega" in line for line in lines) == 3 and len(lines) < 24
+    assert any(line.startswith("  start.omega.2 (5 records)") for line in lines)
+
+
+@pytest.mark.parametrize(("scene", "free", "rule"), [
+    ("tennis_racket", "body.moments", "is random, but a record is one motion"),
+    ("tennis_racket", "body.moment", "did you mean 'body.moments'"),
+    ("tennis_racket", "body.moments.1", "fit body.moments"),
+    ("tennis_racket", "", "name parameters"),
+    ("brownian_rotor", "start.omega", "noise separates any two motions"),
+])  # fmt: skip
+def test_what_cannot_be_fitted_is_refused(scene, free, rule):
+    with pytest.raises((OptionError, SceneError), match=rule):
+        rm.fit(scene, "toss", free)
+    found = invoke("fit", scene, "toss", "--free", free)
+    assert found.exit_code == 3 and rule in found.output.replace("\n", " ")
+
+
+def test_steps_follow_a_rotor_that_outruns_the_rates():
+    """At .04 rad/s, the rates alone would choose steps of 3.5 s, and a rotor nutates in 20 s."""
+    body = rm.Body((0.0702, 0.1391, 0.1902))
+    scene = rm.Scene(body, rm.Rotor((0.0, 0.03, 0.0)), rm.Start(omega=(0.02, 0.05, -0.03)))
+    data = rm.simulate(
+        scene, "rk8", dt=0.05, t_end=100.0, every=1.0, save="omega", members=1
+    ).isel(member=0)  # fmt: skip
+    study = rm.fit(scene, data, FREE, noise={"omega": 1e-6}, trials=2)
+    # measured 0.019 times the noise; with steps of 3.5 s 872
+    assert np.abs((study.data - study.model) / study.noise).max() < 0.1
