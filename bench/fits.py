@@ -73,8 +73,9 @@ def fit_one(seed, law, trials=100):
     return {
         "law": law, "seed": seed, "off": [float(x) for x in off], "seconds": seconds,
         "is_listed": is_listed(study, moments, spread), "answers": study.sizes["answer"],
-        "chi2": float(study.attrs["reduced_chi_square"]), "lasting": study.attrs["lasting_gain"],
-        "told": bool((study.gain.values > 0.0).any()) or study.attrs["lasting_gain"] > 4.6,
+        "chi2": float(study.attrs["reduced_chi_square"]),
+        "lasting": float(study.attrs["lasting_gain"]),
+        "told": bool((study.gain.values > 0.0).any() or study.attrs["lasting_gain"] > 4.6),
         "torque": str(study.torque.values[0]) if study.sizes["torque"] else "",
     }  # fmt: skip
 
