@@ -21,7 +21,7 @@ _KEY = KernelKey(add_samples, (), "float64", 0, "r", RECORD)
 
 def sum_samples(samples: Samples) -> None:
     """Add the samples of a stream to the sums of members, in place."""
-    with announce_compiling("the sums of a fit", () if is_compiled(_KEY) else ("sums",)):
+    with announce_compiling("a fit", () if is_compiled(_KEY) else ("sums",)):
         compiled, _alive = compile_kernel(_KEY)
     empty = SimpleNamespace() if config.DISABLE_JIT else np.zeros(1, RECORD)
     call_kernel(compiled, "p", fill_record(empty, samples))
