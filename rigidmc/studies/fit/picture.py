@@ -32,7 +32,7 @@ def data_and_model(
         _draw(panels[0, column], panels[1, column], part)
         if len(records) > 1:
             panels[0, column].set_title(f"record {number}", fontsize=9)
-        panels[1, column].set_xlabel("time [s]")
+        panels[1, column].set_xlabel(with_units("time", "s"))
     pairs = zip(study.channel.values, study.channel_unit.values, strict=True)
     names = {str(channel).partition("[")[0]: str(unit) for channel, unit in pairs}
     label = ", ".join(with_units(in_symbols(name), unit) for name, unit in names.items())

@@ -154,6 +154,7 @@ def high_frequency_noise(stream: Stream) -> Array:
     apart = shown[..., :, None] - shown[..., None, :] + np.eye(4)
     span = shown[..., 3] - shown[..., 0]
     has_gap = ~(span <= 2.0 * np.nanmedian(span)) if span.size else span > 0.0
+    # the 1 of a weight: its norm is set below, whatever the unit of time
     weight = np.where(has_gap, np.nan, 1.0)[..., None] / apart.prod(-1)
     weight /= np.linalg.norm(weight, axis=-1, keepdims=True)
     values = stream.values[..., -stream.channels :]  # the vector part of a quaternion
@@ -164,4 +165,5 @@ def high_frequency_noise(stream: Stream) -> Array:
         if np.isfinite(third).any() and np.nanmax(x) > np.nanmin(x):
             noise[c] = max(np.sqrt(np.nanmean(third**2)), 1e-9 * np.nanmax(np.abs(x)))
     other = noise.max()
+    # 1 where no channel changes: all residuals are then as good, in any unit
     return np.where(noise > 0.0, noise, other if other > 0.0 else 1.0)

@@ -221,6 +221,7 @@ def _units(
         return [
             "no free body moves so, with any axes and units: does a torque or a rotor act on it?"
         ]
+    # a scale is a pure number, the factor between two units
     if costs[1.0] <= BETTER * best or 1.0 / ALIKE < scale < ALIKE:
         return []
     text = "another sampling rate, or another unit"
