@@ -4,13 +4,14 @@ Each residual is r = (data - model)/sigma, with the noise sigma of its channel. 
 sum of r^2 by Levenberg-Marquardt, all in lockstep: bodies from the balance of angular momentum, and
 random ones. Every minimum that differs is an answer.
 
-Intervals come from the derivatives J of the residuals at the best answer, with the variance s^2 of
-a residual and the autocorrelation time tau of the residuals::
+Intervals come from the derivatives J of the residuals at the best answer, and from the covariance R
+of the residuals: white noise, and a model error that lasts from sample to sample, as large as the
+residuals show it to be (`rigidmc.studies.fit.uncertainty`)::
 
-    C = tau s^2 (J^T J)^-1
+    C = (J^T J)^-1 J^T R J (J^T J)^-1
 
-tau is 1 for white noise. Real records show what the model leaves out (drag, time stamps): their
-residuals are correlated, and the intervals are wider by sqrt(tau).
+Drag is always tried, and other stock torques where residuals are correlated. C is the mean over the
+laws that the data do not exclude, with the squares of their shifts.
 
 {parameters}
 
@@ -36,7 +37,8 @@ A racket tossed with a phone. Rates show ratios of moments, as long as no torque
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -55,7 +57,7 @@ from rigidmc.studies.fit.missing import candidates
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.records import read_columns_option
 from rigidmc.studies.fit.setup import make_problem, records_of
-from rigidmc.studies.fit.solve import minimise, polish
+from rigidmc.studies.fit.solve import Solution, minimise, polish
 from rigidmc.studies.fit.starts import make_starts
 from rigidmc.studies.fit.streams import NUISANCES, Array
 from rigidmc.studies.fit.suspicions import examine
@@ -157,6 +159,29 @@ def is_resolved(problem: FitProblem, finer: FitProblem, x: Array) -> bool:
     return not np.std(change) > allowed  # nan if the motion is flagged: no step helps
 
 
+def solve_finely(
+    problem: FitProblem, make: Callable[[int], FitProblem], x: Array
+) -> tuple[FitProblem, Solution, int, int]:
+    """Return (problem, where the trials x end, the best of them, divisor of the step) with steps of
+    which the halves give the same residuals: a rotor or a spring moves a body faster than its rates
+    show.
+
+    make : divisor -> the problem with steps divided by it
+    """
+    finer, at = 1, x[0]
+    while True:
+        half = make(2 * finer)
+        if 2 * finer <= MOST_FINER and not is_resolved(problem, half, at):
+            problem, finer = half, 2 * finer
+            continue
+        solution = upright(problem, minimise(problem, x))
+        solution = polish(problem, solution, contenders(problem, solution))
+        best = best_of(problem, solution)
+        at = solution.x[best]
+        if finer >= MOST_FINER or is_resolved(problem, half, at):
+            return problem, solution, best, finer
+
+
 def compute(scene: Scene, options: FitOptions, threads: int | None, progress: Any) -> xr.Dataset:
     """Return the Dataset of the study."""
     refuse_noise(scene.effects)
@@ -167,9 +192,7 @@ def compute(scene: Scene, options: FitOptions, threads: int | None, progress: An
     for line in notes if progress else ():
         say(line)
 
-    finer = 1
-
-    def make(moved: Scene, more: Sequence[str] = ()) -> FitProblem:
+    def make(moved: Scene, more: Sequence[str] = (), finer: int = 1) -> FitProblem:
         free, own = (*(options.free or ()), *more), options.each or ()
         nuisances = options.nuisances or ()
         return make_problem(moved, free, own, records, options.noise, nuisances, threads, finer)
@@ -180,22 +203,10 @@ def compute(scene: Scene, options: FitOptions, threads: int | None, progress: An
         first = seen(problem.sums(x[:1]).matrix[0])
         for line in in_words(problem.parameters, x[0], first):
             say(line)
-    at = x[0]
-    while True:  # a rotor or a spring moves a body faster than its rates show
-        finer *= 2
-        next_one = make(scene)
-        if finer <= MOST_FINER and not is_resolved(problem, next_one, at):
-            problem = next_one
-            continue
-        finer //= 2
-        solution = upright(problem, minimise(problem, x))
-        solution = polish(problem, solution, contenders(problem, solution))
-        best = best_of(problem, solution)
-        at = solution.x[best]
-        if finer >= MOST_FINER or is_resolved(problem, next_one, at):
-            break
+    problem, solution, best, finer = solve_finely(problem, lambda n: make(scene, finer=n), x)
+    at = solution.x[best]
     found, cost = assess(problem, at), float(solution.sums.cost[best])
-    torques = candidates(scene, problem, at, cost, make, found.error.is_seen)
+    torques = candidates(scene, problem, at, cost, partial(make, finer=finer), found.error.is_seen)
     made = dataset_of(scene, problem, solution, best, found, torques, options.confidence)
     return made.assign_attrs(notes="\n".join(notes))
 
@@ -296,7 +307,7 @@ fit = Study(
     name="fit",
     text=__doc__,
     options=FitOptions,
-    work=Direct(compute, "True shows a bar; a function has no effect"),
+    work=Direct(compute, "True prints what the data show; a function has no effect"),
     table=table,
     variables=VARIABLES,
     picture="data_and_model",

@@ -1,8 +1,8 @@
 """The uncertainty of a fit: how far its residuals let the parameters be wrong.
 
-Residuals of a right model are white noise. Those of real records hold what the model leaves out,
-drag or time stamps, which lasts from sample to sample. They are described as white noise and a
-model error with an exponential autocorrelation (Ornstein-Uhlenbeck), in each channel::
+Residuals of a right model are white noise. Real records also leave what the model lacks, such as
+drag or errors of time stamps, which lasts from sample to sample. Each channel has white noise and
+a model error with an exponential autocorrelation (Ornstein-Uhlenbeck)::
 
     C_kl = v delta_kl + u exp(-|t_k - t_l|/T)
 
@@ -28,7 +28,6 @@ from rigidmc.studies.fit.streams import Array
 from rigidmc.studies.fit.visible import Seen, seen
 
 SEEN = 4.6  # gain of a model error that white noise has with a chance of 1 % (chi^2, 2)
-SEEN = 4.6  # gain that white noise has with a chance of 1 % (chi^2, 2)
 
 
 class ModelError(NamedTuple):
