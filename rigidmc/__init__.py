@@ -52,6 +52,7 @@ _HOMES = {name: f"studies.{name}.study" for name in STUDIES} | {
     "uniform": "scene.distributions",
     "distribution": "scene.distributions",
     "mixture": "scene.distributions",
+    "common": "scene.distributions",
     "grid": "scene.quantities",
     "Flips": "physics.observables",
     "OrbitAngles": "physics.observables",

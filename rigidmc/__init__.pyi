@@ -53,6 +53,7 @@ from rigidmc.runs.simulate import precompile as precompile
 from rigidmc.runs.simulate import prepare as prepare
 from rigidmc.runs.simulate import simulate as simulate
 from rigidmc.scene.body import Body as Body
+from rigidmc.scene.distributions import common as common
 from rigidmc.scene.distributions import distribution as distribution
 from rigidmc.scene.distributions import mixture as mixture
 from rigidmc.scene.distributions import normal as normal

@@ -46,6 +46,7 @@ _WORDS = {
     "gibbs": "canonical maxwell boltzmann thermal",
     "fisher": "von_mises vonmises von_mises_fisher",
     "correlated": "multivariate_normal covariance",
+    "common": "correlation joint shared",
     # pictures
     "polhodes": "momentum_sphere herpolhode",
     "trajectory": "axis_sphere path",

@@ -22,6 +22,7 @@ from rigidmc.physics.observables.protocol import DIMENSIONS, EnsembleObservable,
 from rigidmc.planning.initial import Source, initial_block, member_facts
 from rigidmc.planning.switches import check_switches
 from rigidmc.scene.derivatives import derivative_name
+from rigidmc.scene.distributions import Common
 from rigidmc.scene.model import Model
 from rigidmc.scene.parameters import END
 from rigidmc.scene.quantities import Grid, count_rows, draw, is_shared
@@ -179,7 +180,11 @@ def _check_bodies(model: Model, seed: int) -> None:
     moments, mass, _ = model.body.sample(seed, 0, PILOT)
     no_moments = violates_triangle(moments)
     bad = np.flatnonzero(no_moments | ~(mass > 0))
-    if bad.size > (PILOT // 2 if isinstance(model.body.moments, Correlated) else 0):
+    drawn: Any = model.body.moments
+    is_measured = isinstance(drawn, Correlated) or (
+        isinstance(drawn, tuple) and any(isinstance(x, Common) for x in drawn)
+    )
+    if bad.size > (PILOT // 2 if is_measured else 0):
         first, rule = bad[0], f"{bad.size} of the first {PILOT} sampled bodies are impossible"
         if no_moments[first]:
             raise SceneError(f"{rule}: {why_impossible(moments[:, first])}", at="body.moments")

@@ -33,6 +33,7 @@ from rigidmc.planning.orbit_start import (
     with_orbit_rate,
 )
 from rigidmc.planning.steps import physics
+from rigidmc.scene.distributions import Common
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows, draw, is_shared, is_variable
 from rigidmc.scene.sampling import (
@@ -47,6 +48,7 @@ from rigidmc.scene.sampling import (
 )
 from rigidmc.scene.settings import Run
 from rigidmc.scene.validation import PILOT
+from rigidmc.scene.varied import common_numbers
 from rigidmc.scene.vector_distributions import TensorRows
 from rigidmc.scene.vector_distributions.protocol import (
     EquilibriumEnsemble,
@@ -183,7 +185,7 @@ def uncertain_numbers(model: Model) -> tuple[list[str], dict[RandomDimension, in
 
     A number has the name that a map gives it, such as start.omega.2. All numbers drawn by a
     distribution of a whole vector or of the attitude form one group, named after that vector or
-    the attitude.
+    the attitude. A number in common has the name of the first number that it enters.
     """
     names = {dimension: _name(model, *dimension) for dimension in random_dimensions(model)}
     places = {name: i for i, name in enumerate(dict.fromkeys(names.values()))}
@@ -192,6 +194,10 @@ def uncertain_numbers(model: Model) -> tuple[list[str], dict[RandomDimension, in
 
 def _name(model: Model, stream: str, draw: int, word: int) -> str:
     """Return the name of the quantity that number `word` of a draw from a random stream sets."""
+    if stream == Common.stream:
+        by = common_numbers(model).items()
+        has = (name for name, factors in by if any(factors[4 * draw + word : 4 * draw + word + 1]))
+        return next(has, "start.attitude")  # only a quaternion has no names
     table, first, *rest = stream.split(".")
     if table == "effects":
         effect = dict(label_effects(model.effects))[first]

@@ -1,12 +1,12 @@
-"""Distributions of one number: by name, truncated, and mixtures of several.
+"""Distributions of one number: by name, truncated, mixtures of several, and correlated ones.
 
 Numbers are drawn by inverting the distribution function, so any point set in (0, 1) can drive
 them."""
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -16,9 +16,10 @@ from rigidmc.inputs.measured import Measured, common_unit
 from rigidmc.physics.dynamics.functions import normal_quantile
 
 _NAMES = {"normal": ("mean", "standard_deviation"), "uniform": ("low", "high")}
-_RULES = {  # for the two distributions whose quantiles are computed here
+_RULES = {  # for the distributions whose quantiles are computed here
     "normal": "expected normal = [mean, standard deviation > 0], finite numbers",
     "uniform": "expected uniform = [low, high] with low < high, finite numbers",
+    "common": "expected common = [mean, a_1, ...], finite numbers, not all of a_1, ... zero",
 }
 
 
@@ -28,8 +29,10 @@ class Distribution:
 
     name : "normal", "uniform", or a continuous distribution of scipy.stats
     parameters : (mean, standard deviation), (low, high), or pairs (keyword, value) for scipy
+    stream : the random stream of its words; "" for that of the quantity which it draws
     """
 
+    stream: ClassVar[str] = ""
     name: str
     parameters: tuple[Any, ...]
 
@@ -53,7 +56,7 @@ class Distribution:
     def times(self, by: float) -> "Distribution":
         """Return the distribution of the number times a positive factor."""
         if not self.uses_scipy:
-            return Distribution(self.name, tuple(by * p for p in self.parameters))
+            return replace(self, parameters=tuple(by * p for p in self.parameters))
         parameters = {"loc": 0.0, "scale": 1.0} | dict(self.parameters)
         parameters["loc"] *= by
         parameters["scale"] *= by
@@ -176,6 +179,47 @@ class Truncated(Distribution):
         return cut
 
 
+@dataclass(frozen=True)
+class Common(Distribution):
+    """A normal number whose random part is a combination of numbers z that are common to several,
+
+        x = mean + a_1 z_1 + a_2 z_2 + ...
+
+    parameters : (mean, a_1, a_2, ...)
+    """
+
+    stream: ClassVar[str] = "common"
+
+    @property
+    def uses_scipy(self) -> bool:
+        return False
+
+    def of_words(self, words: Array, own: int) -> Array:
+        mean, *by = self.parameters
+        numbers: Array = mean + sum(a * normal_quantile(words[k]) for k, a in enumerate(by) if a)
+        return numbers
+
+    def alone(self) -> Distribution:
+        """Return the distribution of this number without the others."""
+        mean, *by = self.parameters
+        return Distribution("normal", (mean, math.hypot(*by)))
+
+    def ppf(self, u: Array) -> Array:
+        """Return the quantiles of this number alone."""
+        return self.alone().ppf(u)
+
+    def frozen(self) -> Any:
+        return self.alone().frozen()
+
+    def words(self) -> str:
+        return f"{self.alone().words()}, correlated"
+
+    def between(self, low: float, high: float) -> Distribution:
+        """Raise SceneError: bounds would change the others, too."""
+        shown = {**self.as_table(), "between": [low, high]}
+        raise SceneError("a number in common has no bounds", at="between", value=shown)
+
+
 def _scipy(name: str) -> Any:
     """Return the continuous distribution of scipy.stats with this name; None if there is none."""
     import scipy.stats
@@ -247,15 +291,52 @@ def uniform(low: Any, high: Any) -> Distribution:
     return distribution("uniform", low, high)
 
 
+def common(mean: Any, *by: Any) -> Distribution:
+    """Make a normal number that is correlated with others.
+
+    With standard normal numbers z_k of each member, which all such numbers of a scene have in
+    common::
+
+        x = mean + by[0] z_1 + by[1] z_2 + ...
+
+    The covariance of two of them is the sum of the products of their `by`. For a covariance C of
+    several numbers, `by` are the rows of its Cholesky factor.
+
+    Parameters
+    ----------
+    mean : float
+        mean, in units of the quantity
+    *by : float
+        factors of z_1, z_2, ..., in the same units
+
+    Returns
+    -------
+    Distribution
+        the distribution from which each member draws a number
+
+    Raises
+    ------
+    SceneError
+        without a factor that is not 0
+
+    Examples
+    --------
+    >>> mass, g = rm.common(2.0, 0.1), rm.common(9.81, 0.01, 0.02)  # correlation 0.45
+    >>> rm.Body.from_moments((1.0, 1.0, 1.5), mass=mass).sample(0, 0, 3)[1].shape
+    (3,)
+    """
+    return distribution("common", mean, *by)
+
+
 def distribution(name: str, /, *values: Any, **parameters: Any) -> Distribution:
     """Make a distribution by its name.
 
     Parameters
     ----------
     name : str
-        "normal", "uniform", or a continuous distribution of scipy.stats
+        "normal", "uniform", "common", or a continuous distribution of scipy.stats
     *values : float, str or quantity
-        (mean, sd) of "normal", (low, high) of "uniform"
+        (mean, sd) of "normal", (low, high) of "uniform", (mean, a_1, ...) of "common"
     **parameters : float, str or quantity
         keywords of a scipy.stats distribution: loc and scale, which may have a unit, and its shape
         parameters
@@ -289,7 +370,10 @@ def distribution(name: str, /, *values: Any, **parameters: Any) -> Distribution:
     shown = {name: list(values) or parameters}
     if name not in _RULES:
         return _by_scipy(name, shown, parameters if not values else None)
-    plain = len(values) == 2 and not parameters and all(map(is_number, values))
+    plain = len(values) >= 2 and not parameters and all(map(is_number, values))
+    if name == "common" and plain and any(values[1:]):
+        return Common(name, tuple(map(float, values)))
+    plain = plain and len(values) == 2 and name != "common"
     if not plain or not values[1] > (values[0] if name == "uniform" else 0.0):
         raise SceneError(_RULES[name], at="distribution", value=shown)
     return Distribution(name, tuple(float(v) for v in values))
@@ -420,6 +504,7 @@ def mixture(*parts: tuple[float, Distribution]) -> Distribution:
         made = mixture(*((weight, law.value) for weight, law in components))
         return Measured(made, measured[0].unit)  # type: ignore[return-value]
     are_laws = all(is_number(w) and w > 0 and isinstance(law, Distribution) for w, law in pairs)
+    are_laws = are_laws and not any(isinstance(law, Common) for _, law in pairs)
     if not are_laws or len(pairs) != len(parts) or len(parts) < 2:
         raise SceneError(rule, at="mixture", value=[str(part) for part in parts])
     return Mixture("mixture", tuple((float(weight), law) for weight, law in pairs))

@@ -278,9 +278,10 @@ def draw(quantities: Sequence[Any], sampler: Source, name: str, first: int, coun
     words: dict[int, Array] = {}
     for i, q in enumerate(quantities):
         if isinstance(q, Distribution):
-            if i // 4 not in words:
-                words[i // 4] = _words_of(quantities, i, sampler, name, first, count)
-            values[i] = q.of_words(words[i // 4], i % 4)
+            group = -1 if q.stream else i // 4
+            if group not in words or q.stream:
+                words[group] = _words_of(quantities, i, sampler, name, first, count)
+            values[i] = q.of_words(words[group], i % 4)
         elif isinstance(q, Grid):
             values[i] = q.at(first, count)
         elif isinstance(q, np.ndarray):
@@ -298,10 +299,16 @@ def draw(quantities: Sequence[Any], sampler: Source, name: str, first: int, coun
 def _words_of(
     quantities: Sequence[Any], i: int, sampler: Source, name: str, first: int, count: int
 ) -> Array:
-    """Return the words (4, count) of the draw of quantity i, the first one drawn of its group."""
-    group = range(i, min(len(quantities), i // 4 * 4 + 4))
-    used = tuple(j % 4 for j in group if isinstance(quantities[j], Distribution))
-    return draw_uniforms(sampler, name, first, count, i // 4, used)
+    """Return the words (4, count) of the draw of the group of quantity i; or all words that it has
+    in common with others."""
+    if stream := quantities[i].stream:
+        by = quantities[i].parameters[1:]
+        used = [[j for j, a in enumerate(by[k : k + 4]) if a] for k in range(0, len(by), 4)]
+        draws = [draw_uniforms(sampler, stream, first, count, k, u) for k, u in enumerate(used)]
+        return np.concatenate(draws)
+    group = quantities[i // 4 * 4 : i // 4 * 4 + 4]
+    own = [j for j, q in enumerate(group) if isinstance(q, Distribution) and not q.stream]
+    return draw_uniforms(sampler, name, first, count, i // 4, own)
 
 
 def _draw_with_tangents(
@@ -325,7 +332,7 @@ def _draw_with_tangents(
         elif isinstance(q, Marked):
             words = None
             if isinstance(q.quantity, Distribution):
-                words = _words_of(plain, i // 4 * 4, sampler, name, first, count)
+                words = _words_of(plain, i, sampler, name, first, count)
             drawn = Drawn(values[i], words, i % 4, first)
             for j, rate in q.rates.items():
                 tangents[j, i] = rate(drawn)

@@ -20,7 +20,7 @@ import numpy as np
 
 from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.functions import normal_quantile
-from rigidmc.scene.distributions import Distribution, Mixture, Truncated
+from rigidmc.scene.distributions import Common, Distribution, Mixture, Truncated
 from rigidmc.scene.quantities import Drawn, Grid, Rate
 
 Refusal = str  # the reason why there is no derivative
@@ -81,6 +81,8 @@ def _quantiles(law: Distribution) -> dict[str, Quantile | Refusal]:
             "mean": lambda u, x: np.ones_like(x),
             "standard_deviation": lambda u, x: normal_quantile(u),
         }
+    if isinstance(law, Common):
+        return {"mean": lambda u, x: np.ones_like(x)}
     if law.name == "uniform":
         return {"low": lambda u, x: 1.0 - u, "high": lambda u, x: u}
     parameters = {"loc": 0.0, "scale": 1.0} | dict(law.parameters)

@@ -40,6 +40,12 @@ def variables(model: Model) -> Parameters:
     return found
 
 
+def common_numbers(model: Model) -> dict[str, tuple[float, ...]]:
+    """Return {parameter: its factors of the numbers in common} for the `Common` ones."""
+    each = {name: p.get(model) for name, p in settable(parameters_of(model)).items()}
+    return {name: x.parameters[1:] for name, x in each.items() if getattr(x, "stream", "")}
+
+
 def _drawn_vectors(model: Model) -> tuple[str, ...]:
     """Return the names of the vectors that a distribution of vectors draws."""
     body, start, spin = model.body, model.start, model.start.spin_name

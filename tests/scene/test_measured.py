@@ -268,6 +268,7 @@ def test_distributions_scale_with_their_unit():
         "normal = [1, 0.1], between = [0.9, 1.5]",
         "mixture = [{ weight = 9, normal = [0, 1] }, { weight = 1, uniform = [-5, 5] }]",
         "uniform = [-5, 5]",
+        "common = [1, 0.1, 0, 0.2]",
     ):
         plain = spin(f"[{{ {text} }}, 0, 0]")[0]
         law = spin(f'[{{ {text}, unit = "rpm" }}, 0, 0]')[0]

@@ -61,6 +61,10 @@ CALLS = [  # (call, words of the message)
     (lambda: rm.distribution("gamma", a=1.0).between(-2, -1), "no numbers between"),
     (lambda: rm.normal(0, 1).between(-1, 1).between(2, 3), "low < high"),
     (lambda: rm.mixture((1.0, rm.normal(0, 1))), "two or more components"),
+    (lambda: rm.mixture((1.0, rm.common(0, 1)), (1.0, rm.normal(0, 1))), "two or more components"),
+    (lambda: rm.common(1.0), "not all of a_1"),
+    (lambda: rm.common(1.0, 0.0), "not all of a_1"),
+    (lambda: rm.common(1.0, 0.1).between(0, 1), "has no bounds"),
     (lambda: rm.mixture((1.0, rm.normal(0, 1)), (0.0, rm.normal(0, 1))), "weight > 0"),
     (lambda: rm.mixture((1.0, rm.normal(0, 1)), (1.0, 3.0)), "and a distribution"),
     (

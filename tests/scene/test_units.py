@@ -58,7 +58,13 @@ def test_laws_draw_the_same_pure_numbers(kind):
 def test_distributions_draw_the_same_pure_numbers():
     laws = rm.normal(1.0, 0.2), rm.uniform(1.0, 2.0), rm.distribution("gamma", a=3.0)
     two = rm.mixture((2.0, rm.normal(0.0, 1.0)), (1.0, rm.uniform(4.0, 5.0)))
-    for law in (*laws, two, rm.grid(1.0, 2.0, 8), rm.normal(1.0, 0.2).between(0.5, 1.4)):
+    for law in (
+        *laws,
+        two,
+        rm.common(1.0, 0.2, -0.1),
+        rm.grid(1.0, 2.0, 8),
+        rm.normal(1.0, 0.2).between(0.5, 1.4),
+    ):
         plain = draw((law,), 5, "start.omega", 0, 64)
         for by in (1e-20, 1e20):
             found = draw((law.times(by),), 5, "start.omega", 0, 64) / by

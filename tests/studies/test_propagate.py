@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.figure import Figure
+from scipy.linalg import block_diag
 
 import rigidmc as rm
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.rotation import from_rotation_vector, product
+from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.studies.propagate.covariance import (
     at_means,
     checked_covariance,
@@ -64,6 +66,19 @@ def test_a_scene_gives_means_and_covariances():
     nominal = at_means(scene)
     assert nominal.start.omega == (1.0, 2.0, 3.0)
     assert nominal.body.moments[0] == pytest.approx(1.1)
+
+
+def test_numbers_in_common_give_their_covariance():
+    body = rm.Body((rm.common(1.0, 0.1), rm.common(1.1, 0.05, 0.02), rm.normal(2.0, 0.1)))
+    start = rm.Start(omega=(rm.common(1.0, 0.3, 0.0, 0.4), 2.0, 3.0), attitude=(0.1, 0.2, 0.3))
+    scene = rm.Scene(body, start=start)
+    names, found = of_distributions(scene.model)
+    assert names == ["body.moments.3", "body.moments.1", "body.moments.2", "start.omega.1"]
+    own, rows = [[0.01]], np.array([[0.1, 0.0, 0.0], [0.05, 0.02, 0.0], [0.3, 0.0, 0.4]])
+    np.testing.assert_allclose(found, block_diag(own, rows @ rows.T), rtol=1e-12)
+    assert at_means(scene).start.omega == (1.0, 2.0, 3.0)
+    # what a number adds to those before it is named after it
+    assert uncertain_numbers(scene.model)[0] == [names[1], names[2], names[0], names[3]]
 
 
 def test_normal_deviations_have_their_covariance_even_if_singular():

@@ -67,7 +67,7 @@ def test_the_nearest_word(word, known, right):
 def test_every_hint_is_a_name_that_there_is():
     """A name that is renamed would leave hints behind that name nothing."""
     keys = {"mass", "centre", "radius", "height", "density", "particles", "tensor", "moments"}
-    keys |= {"normal", "uniform", "expon"} | {law.name for law in VECTOR_DISTRIBUTIONS}
+    keys |= {"normal", "uniform", "common", "expon"} | {law.name for law in VECTOR_DISTRIBUTIONS}
     known = {
         *SOLIDS,
         *EFFECTS,

@@ -32,7 +32,7 @@ CLOSED_FORMS = {
 }  # below, and in tests/mechanics/test_closed_form_limits.py against 60 digits
 SCENES = {"Scene", "Body", "Start", "Run", "normal"}  # every scene of `units`
 DRAWN = {  # tests/scene/test_units.py
-    *("uniform", "distribution", "mixture", "grid"),
+    *("uniform", "distribution", "mixture", "common", "grid"),
     *(kind.__name__ for kind in VECTOR_DISTRIBUTIONS),
 }
 NO_NUMBERS = {

@@ -44,6 +44,8 @@ A scene file is TOML; SI units, angles in rad:
 Each number in body, effects and start may be a distribution:
   { normal = [mean, sd] },  { uniform = [low, high] },
   or any of scipy.stats:  { gamma = { a = 2.0, scale = 0.1 } }
+  or { common = [mean, a1, a2] }: mean + a1 z1 + a2 z2, with normal z1, z2
+  of the member that all such numbers have in common
   or { grid = [low, high, count], stride = 1, log = false },
   or { table = "starts.csv", column = "w1" }  (or a netCDF file)
 Vector distributions:

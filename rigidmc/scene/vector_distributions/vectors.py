@@ -4,7 +4,7 @@ directions and attitudes that they use.
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,9 +12,9 @@ from rigidmc.errors import SceneError
 from rigidmc.inputs.arrays import Array, floats
 from rigidmc.inputs.labelled import Wanted
 from rigidmc.physics.dynamics.dual_arrays import square_root
-from rigidmc.physics.dynamics.functions import cosine, normal_quantile, sine
+from rigidmc.physics.dynamics.functions import cosine, sine
 from rigidmc.physics.dynamics.so3 import sincos
-from rigidmc.scene.distributions import Distribution, uniform
+from rigidmc.scene.distributions import Common, Distribution, uniform
 from rigidmc.scene.quantities import Source, draw
 from rigidmc.scene.vector_distributions.protocol import (
     MemberFacts,
@@ -170,30 +170,16 @@ class Correlated(VectorDistribution):
 
 
 @dataclass(frozen=True)
-class CorrelatedPart(Distribution):
+class CorrelatedPart(Common):
     """A component of a Correlated vector that is a parameter of an effect.
 
     Its parameters are its mean and its row of C. The three components of a vector are drawn from
     the three words of one draw.
     """
 
+    stream: ClassVar[str] = ""  # its own draw
     whole: Correlated
     index: int
-
-    @property
-    def uses_scipy(self) -> bool:
-        return False
-
-    def of_words(self, words: Array, own: int) -> Array:
-        mean, *row = self.parameters
-        numbers: Array = mean + sum(by * normal_quantile(words[j]) for j, by in enumerate(row))
-        return numbers
-
-    def ppf(self, u: Array) -> Array:
-        """Return the quantiles of this component alone."""
-        mean, *row = self.parameters
-        quantiles: Array = mean + math.hypot(*row) * normal_quantile(u)
-        return quantiles
 
     def times(self, by: float) -> "CorrelatedPart":
         law = self.whole

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,10 @@ from scipy import stats
 from rigidmc.engine.kernel.normal_equations import ATTITUDE
 from rigidmc.errors import RigidmcError
 from rigidmc.physics.effects import name_of
+from rigidmc.scene.distributions import common
 from rigidmc.scene.parameters import units_at, with_parameters
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.varied import variables
-from rigidmc.scene.vector_distributions.vectors import Correlated
 from rigidmc.studies.fit.answers import distinct
 from rigidmc.studies.fit.missing import Candidate, Law, covariance_of, laws
 from rigidmc.studies.fit.parameters import MOMENTS, FitParameters
@@ -25,6 +26,8 @@ from rigidmc.studies.fit.uncertainty import Assessment
 from rigidmc.studies.fit.visible import in_words
 from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 
+AWAY = 5.0  # standard deviations: a drag that may be 0 is not drawn, since some would be below
+ROUNDING = 1e-12  # of a variance: what is left of it follows from the numbers before
 AXES = "body.moments.1", "body.moments.2", "body.moments.3"
 VARIABLES = (
     StudyVariable("value", "answer parameter", "", "parameter at each answer", "in `unit`"),
@@ -175,31 +178,38 @@ def _setting(effect: Any) -> str:
 
 
 def fitted_scene(scene: Scene, problem: FitProblem, value: Array, covariance: Array) -> Scene:
-    """Return the scene with the fitted numbers of its first record; vectors that have an
-    uncertainty are drawn, with their covariance."""
-    parameters, run = problem.parameters, problem.run
-    certain, drawn = {}, {}
-    for column in parameters.columns:
-        if column.stream < 0:
-            places = parameters.index[0, column.columns]
-            mean = tuple(map(float, value[places]))
-            certain[column.name] = mean if parameters.is_vector[column.name] else mean[0]
-            some = covariance[np.ix_(places, places)]
-            if column.size == 3 and not column.name.startswith("start.attitude"):
-                drawn[column.name] = Correlated(mean, _positive(some))
-    known = variables(run.scene.model)
-    model = with_parameters(scene.model, certain, "free", known)
-    try:
-        return scene.with_model(with_parameters(model, drawn, "free", known))
-    except RigidmcError:  # a vector that no distribution may draw
-        return scene.with_model(model)
+    """Return the scene with the fitted numbers of its first record, drawn with their covariance."""
+    parameters, model = problem.parameters, scene.model
+    known = variables(problem.run.scene.model)
+    columns = [column for column in parameters.columns if column.stream < 0]
+    # in the order of the scene, by which studies name what numbers have in common
+    columns.sort(key=lambda column: list(known).index(column.name))
+    places = np.concatenate([parameters.index[0, column.columns] for column in columns])
+    mean, rows = value[places], lower_rows(covariance[np.ix_(places, places)])
+    spread, low, high = AWAY * np.linalg.norm(rows, axis=1), parameters.low, parameters.high
+    near = (mean - spread < low[places]) | (mean + spread > high[places])
+    near &= places >= parameters.mixed  # moments are not their coordinates
+    numbers = [
+        common(m, *np.trim_zeros(row, "b")) if row.any() and not is_near else float(m)
+        for m, row, is_near in zip(mean, rows, near, strict=True)
+    ]
+    for column in columns:
+        drawn, numbers = tuple(numbers[: column.size]), numbers[column.size :]
+        certain = tuple(value[parameters.index[0, column.columns]].tolist())
+        for each in (certain, drawn):
+            put = each if parameters.is_vector[column.name] else each[0]
+            with suppress(RigidmcError):  # what no distribution may draw stays certain
+                model = with_parameters(model, {column.name: put}, "free", known)
+    return scene.with_model(model)
 
 
-def _positive(covariance: Array) -> tuple[tuple[float, ...], ...]:
-    """Return a covariance whose least eigenvalue is above rounding: what the data do not show, as
-    the size of all moments, has none."""
-    values, vectors = np.linalg.eigh(covariance)
-    least = 1e-12 * max(values[-1], 1e-300)  # 1e-300: where nothing varies, any positive number
-    some = (vectors * np.maximum(values, least)) @ vectors.T
-    some = 0.5 * (some + some.T)
-    return tuple(tuple(map(float, row)) for row in some)
+def lower_rows(covariance: Array) -> Array:
+    """Return the lower triangular L with L L^T = covariance, which may be singular: what the data
+    do not show, as the size of all moments, does not vary."""
+    rows = np.zeros_like(covariance)
+    for j, variance in enumerate(np.diag(covariance)):
+        rest = covariance[j:, j] - rows[j:, :j] @ rows[j, :j]
+        if rest[0] > ROUNDING * variance:
+            rows[j:, j] = rest / math.sqrt(rest[0])
+    rows[rows**2 < ROUNDING * np.diag(covariance)[:, None]] = 0.0
+    return rows

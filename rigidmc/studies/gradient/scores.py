@@ -26,12 +26,12 @@ from rigidmc.physics.effects.bath import Bath
 from rigidmc.physics.effects.protocol import depends_on_momentum, is_random
 from rigidmc.physics.observables import NoiseScore
 from rigidmc.planning.initial import uncertain_numbers
-from rigidmc.scene.distributions import Distribution, Mixture, Truncated
+from rigidmc.scene.distributions import Common, Distribution, Mixture, Truncated
 from rigidmc.scene.model import Model
 from rigidmc.scene.parameter import get
 from rigidmc.scene.parameters import parameters_of, value_at
 from rigidmc.scene.vector_distributions.ensembles import GibbsMomentum
-from rigidmc.scene.vector_distributions.vectors import Correlated, CorrelatedPart
+from rigidmc.scene.vector_distributions.vectors import Correlated
 
 Score = Callable[[Array], Array]  # of the drawn numbers (n,)
 Refusal = str
@@ -57,7 +57,7 @@ def scores_of_model(model: Model) -> dict[str, tuple[tuple[str, ...], Score | Re
             parts = tuple(f"{name}.{i}" for i in (1, 2, 3))
             for i in range(3):
                 scores[f"{name}.mean.{i + 1}"] = parts, partial(_of_mean, value, i)
-        elif isinstance(value, Distribution) and not isinstance(value, CorrelatedPart):
+        elif isinstance(value, Distribution) and not isinstance(value, Common):
             scores |= {f"{name}.{key}": ((name,), score) for key, score in scores_of(value).items()}
     return {**scores, **_of_equilibrium(model)}
 

@@ -1,6 +1,7 @@
 """Mean and covariance of what a scene draws, and the scene whose numbers are the means."""
 
 import dataclasses
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,14 @@ from scipy.linalg import block_diag
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.inputs.arrays import Array
 from rigidmc.planning.initial import uncertain_numbers
-from rigidmc.scene.distributions import Distribution, Mixture, Truncated
+from rigidmc.scene.distributions import Common, Distribution, Mixture, Truncated
 from rigidmc.scene.model import Model
 from rigidmc.scene.parameters import value_at
 from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
+from rigidmc.scene.varied import common_numbers
 from rigidmc.scene.vector_distributions.protocol import VectorDistribution
-from rigidmc.scene.vector_distributions.vectors import Correlated, CorrelatedPart, whole_of
+from rigidmc.scene.vector_distributions.vectors import Correlated, whole_of
 
 ROUNDING = 1e-9  # relative: asymmetry and negative variances of a covariance from rounding
 
@@ -69,7 +71,7 @@ def _mean_of(quantity: Any) -> Any:
         raise SceneError(rule, at="scene")
     if not isinstance(quantity, Distribution):
         return quantity
-    if isinstance(quantity, CorrelatedPart):
+    if isinstance(quantity, Common):
         return float(quantity.parameters[0])
     mean, variance = moments_of(quantity)
     if not np.isfinite([mean, variance]).all():
@@ -91,9 +93,13 @@ def of_distributions(model: Model) -> tuple[list[str], Array]:
         if vector is not None:
             names += [f"{name}.{i}" for i in (1, 2, 3)]
             blocks.append(np.array(vector.covariance))
-        else:
+        elif not isinstance(value, Common):
             names.append(name)
             blocks.append(np.array([[moments_of(value)[1]]]))
+    if together := common_numbers(model):
+        rows = np.array([*zip_longest(*together.values(), fillvalue=0.0)]).T
+        names += together
+        blocks.append(rows @ rows.T)
     if not names:
         rule = "nothing in the scene is drawn: give `covariance` or `deviations`, and `wrt`"
         raise SceneError(rule, at="scene", table="")

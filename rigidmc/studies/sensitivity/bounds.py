@@ -22,7 +22,7 @@ from rigidmc.errors import OptionError
 from rigidmc.inputs.arrays import Array
 from rigidmc.planning.initial import uncertain_numbers
 from rigidmc.scene.derivatives import derivative_name, parameter_names_of_derivatives
-from rigidmc.scene.distributions import Distribution, Truncated
+from rigidmc.scene.distributions import Common, Distribution, Truncated
 from rigidmc.scene.model import Model
 from rigidmc.scene.parameters import value_at
 from rigidmc.scene.scene import Scene
@@ -52,7 +52,7 @@ def poincare_constant(law: Any) -> float:
         if inner.name not in ("normal", "norm"):
             return math.nan
         return min(poincare_constant(inner), float((high - low) / math.pi) ** 2)
-    if not isinstance(law, Distribution):
+    if not isinstance(law, Distribution) or isinstance(law, Common):
         return math.nan
     if law.name == "normal":
         return float(law.parameters[1]) ** 2
