@@ -77,7 +77,8 @@ def _nominal(scene: Scene, free: Sequence[str]) -> dict[str, float | list[float]
             rule = f"some trials of one moment alone are not bodies: fit {MOMENTS}"
             raise OptionError(rule, at="free", value=name)
     try:
-        nominal = nominal_of(scene.model, free)
+        # derivatives come in this order, and parameters have moments first
+        nominal = nominal_of(scene.model, sorted(free, key=lambda name: name != MOMENTS))
     except RigidmcError as error:
         raise OptionError(error.rule, at="free", value=error.value, nearest=error.nearest) from None
     known = with_parameters(scene.model, nominal, "free", variables(scene.model))
