@@ -8,6 +8,8 @@ from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
 from bench import fits
+from rigidmc.engine import program
+from rigidmc.engine.program import Program
 from rigidmc.studies.fit.answers import distinct, upright
 from rigidmc.studies.fit.missing import Law, covariance_of
 from rigidmc.studies.fit.parameters import PAIRS, left_jacobian
@@ -189,6 +191,27 @@ def test_trials_do_not_depend_on_those_beside_them(problem):
     np.testing.assert_array_equal(minimise(problem, x[4:5]).x[0], whole.x[4])
 
 
+def test_neither_threads_nor_vectors_change_a_bit_of_the_sums(problem, monkeypatch):
+    x = make_starts(problem.parameters, problem.streams, 70, 3)  # three blocks
+    expected, made = problem.sums(x), set()
+    make = Program.__init__
+
+    def noted(self, *given, **named):
+        make(self, *given, **named)
+        made.add(self.lanes)
+
+    monkeypatch.setattr(Program, "__init__", noted)
+    for threads, width in ((2, 0), (1, 1), (2, 16)):
+        if width:
+            monkeypatch.setattr(program, "lanes_for", lambda dtype, width=width: 2 * width)
+        # a new scene: one keeps its program, in which a number has a derivative beside it
+        other = problem_of(fits.table_of(*record()))
+        other.threads = threads
+        for a, b in zip(other.sums(x), expected, strict=True):
+            np.testing.assert_array_equal(a, b)
+    assert made >= {1, 16}
+
+
 def test_the_balance_of_momentum_is_a_body():
     t, read = record(1e-6)
     turn = Rotation.from_rotvec([0.5, -0.2, 0.8]).as_matrix()
@@ -220,9 +243,9 @@ def test_a_renamed_body_with_its_sensor_turned_back_is_one_answer():
 def test_the_error_of_residuals_has_the_likelihood_of_dense_matrices():
     random, t = np.random.default_rng(2), np.sort(np.random.default_rng(3).uniform(0, 3, 40))
     jacobian, residuals = random.normal(size=(80, 3)), random.normal(size=80)
-    places = [np.arange(0, 80, 2), np.arange(1, 80, 2)]
-    times = np.repeat(t, 2)
-    channels = by_channel(places, np.tile(np.arange(3), (2, 1)), times, residuals, jacobian)
+    times, channel = np.repeat(t, 2), np.tile([0, 1], 40)
+    index = np.tile(np.arange(3), (2, 1))
+    channels = by_channel(times, channel, index, residuals, jacobian)
     shown = seen(jacobian.T @ jacobian)
     basis = _basis(shown)
 
@@ -261,7 +284,8 @@ def test_lasting_residuals_are_seen():
         lasting[k] = 0.9 * lasting[k - 1] + 0.44 * random.normal()
     residuals = 0.5 * random.normal(size=300) + lasting
     jacobian = np.ones((300, 1))
-    channels = by_channel([np.arange(300)], np.zeros((1, 1), int), t, residuals, jacobian)
+    of_one = np.zeros(300, int), np.zeros((1, 1), int)
+    channels = by_channel(t, *of_one, residuals, jacobian)
     found = model_error(channels, seen(jacobian.T @ jacobian))
     assert found.is_seen
     assert 0.4 < found.white / 0.25 < 2.0 and 0.4 < found.lasting < 2.5

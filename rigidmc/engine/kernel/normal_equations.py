@@ -16,6 +16,7 @@ R -> exp([d]x) R, changes z by (1 + s) (d x R v). The attitude of its axes is th
 times the inverse of R.
 """
 
+import math
 import sys
 from typing import Any, NamedTuple
 
@@ -23,27 +24,31 @@ import numpy as np
 
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.memory import memory
+from rigidmc.physics.dynamics.functions import logarithm_of_one_and
 from rigidmc.physics.dynamics.so3 import conjugate, multiply
 
 LANES = 8  # members side by side: a cache line holds a save of 8 members
 NODES = 8  # saves of a polynomial: its error, (omega h)^8/9000 at the middle, is below that of rk4
 # 1/((-1)^(7 - i) i! (7 - i)!): the divisors of Lagrange's polynomials of the nodes 0, ..., 7
-DIVISORS = np.array([-1 / 5040, 1 / 720, -1 / 240, 1 / 144, -1 / 144, 1 / 240, -1 / 720, 1 / 5040])
+DIVISORS = (-1 / 5040, 1 / 720, -1 / 240, 1 / 144, -1 / 144, 1 / 240, -1 / 720, 1 / 5040)
 VECTOR, ATTITUDE = 1, 2  # kinds of a stream; 0 for numbers that no sensor turns
 # Rows of `sensor`: R row by row, scale errors, biases, offset [saves], drift of the clock
 SCALE, BIAS, OFFSET, DRIFT, SENSOR_ROWS = 9, 12, 15, 16, 17
 MOUNTING = SCALE  # of an attitude, in place of scale and bias: the quaternion of the inverse of R
 # Nuisances, in the order of `columns_of`: bias, scale and rotation of each axis, offset, drift
 OF_SCALE, OF_ROTATION, OF_OFFSET, OF_DRIFT, NUISANCES = 3, 6, 9, 10, 11
-# Rows of `room`: weights of the nodes, of their slopes, then for each channel the model, its rate,
-# the model before its scale and bias, the residual; and the derivatives
-WEIGHTS, SLOPES, MODEL, RATE, TURNED, RESIDUAL, JACOBIAN = 0, 8, 16, 20, 24, 28, 32
+# Rows of `room`: weights of the nodes, of their slopes, the first node, then for each channel the
+# model, its rate, the residual; the cost of a channel; and the derivatives
+WEIGHTS, SLOPES, FIRST, MODEL, RATE, RESIDUAL, COST, JACOBIAN = 0, 8, 16, 17, 21, 25, 29, 30
+# Losses, and residuals from which they differ from squares: normal errors then lose 5 % of their
+# information. Source: Holland & Welsch, Commun. Stat. A 6 (1977) 813, table 1.
+HUBER, HUBER_SCALE, CAUCHY, CAUCHY_SCALE = 1, 1.345, 2, 2.385
 
 
 class Samples(NamedTuple):
     """The samples of one stream of measurements, the saves of the members, and their sums.
 
-    saves : out[((s*rows + r)*columns + d)*width + column + m], as in
+    saves : from the first value of the observable on, [s*pitch + (r*columns + d)*width + m], as in
         `rigidmc.engine.kernel.arguments.SaveTarget`, with `steps` saves
     times : of the samples by their own clock, in distances of saves (records, samples)
     values, weights : (records, samples, channels); the weight of a missing value is 0
@@ -52,12 +57,14 @@ class Samples(NamedTuple):
     columns_of : column of the derivative by each nuisance, -1 for a known one
     chain : (mixed, mixed, members), derivatives of the first parameters of the motion by the
         coordinates of the fit, which take their place
+    along : of each weighted channel, h of `whiten` (records, samples, channels); see `is_shaken`
     sums : (pairs + parameters + 1, members), pairs = parameters (parameters + 1)/2; or, if `keeps`
-        is 1, residuals and derivatives (samples, channels, 1 + parameters, members)
+        is 1, residuals, rates and derivatives without a loss (samples, channels, 2 + parameters,
+        members)
     room : working memory of (JACOBIAN + 4 parameters + mixed) LANES numbers
-    first : working memory of LANES whole numbers
-    kind, row, channels : of the stream: 0, VECTOR or ATTITUDE; row of its first value in a save
+    kind, channels : of the stream: 0, VECTOR or ATTITUDE
     parameters, moving : all parameters, and those that change the motion, which come first
+    loss : 0 for squares, HUBER or CAUCHY
     """
 
     saves: Any
@@ -67,25 +74,24 @@ class Samples(NamedTuple):
     record: Any
     sensor: Any
     columns_of: Any
-    divisors: Any
     chain: Any
+    along: Any
     sums: Any
     room: Any
-    first: Any
-    rows: int
+    pitch: int
     columns: int
     width: int
-    column: int
     steps: int
     samples: int
     members: int
     kind: int
-    row: int
     channels: int
     parameters: int
     moving: int
     mixed: int
     keeps: int
+    is_shaken: int
+    loss: int
 
 
 RECORD = np.dtype([(name, np.intp) for name in Samples._fields])
@@ -101,15 +107,14 @@ def add_samples(tree, numbers, frame):
                 room[i] = 0.0
             interpolate(frame, low)
             change_parameters(frame, low)
-            if frame.kind == ATTITUDE:
-                compare_attitudes(frame, low, k)
-            else:
-                read_sensor(frame, low, k)
-            weigh(frame, low, k)
+            read_sensor(frame, low, k)
+            if frame.is_shaken != 0:
+                whiten(frame, low, k)
             for c in range(frame.channels):
                 if frame.keeps != 0:
                     keep_sample(frame, low, k * frame.channels + c, c)
                 else:
+                    lose(frame, low, c)
                     add_sample(frame, low, c)
     return 0
 
@@ -117,8 +122,7 @@ def add_samples(tree, numbers, frame):
 def find_saves(frame, low, k):
     """Set the first save of the polynomial of sample k, and the weights of its nodes."""
     times, sensor = memory(frame.times, 1.0), memory(frame.sensor, 1.0)
-    room, first = memory(frame.room, 1.0), memory(frame.first, 1)
-    record, divisors = memory(frame.record, 1), memory(frame.divisors, 1.0)
+    room, record = memory(frame.room, 1.0), memory(frame.record, 1)
     for lane in range(LANES):
         m = low + lane
         drift, offset = sensor[DRIFT * frame.members + m], sensor[OFFSET * frame.members + m]
@@ -128,7 +132,7 @@ def find_saves(frame, low, k):
         # A clock beyond the saves takes the outermost polynomial; nan compares False.
         begin = at - 3.0 if at > 3.0 else 0.0
         place = int(begin if begin < last else last)
-        first[lane] = place
+        room[FIRST * LANES + lane] = place
         x = at - place
         for i in range(NODES):
             weight, slope = 1.0, 0.0
@@ -136,34 +140,31 @@ def find_saves(frame, low, k):
                 if j != i:
                     slope = slope * (x - j) + weight
                     weight = weight * (x - j)
-            room[(WEIGHTS + i) * LANES + lane] = weight * divisors[i]
-            room[(SLOPES + i) * LANES + lane] = slope * divisors[i]
+            room[(WEIGHTS + i) * LANES + lane] = weight * DIVISORS[i]
+            room[(SLOPES + i) * LANES + lane] = slope * DIVISORS[i]
 
 
 def interpolate(frame, low):
     """Set the model, its rate and its derivatives at a sample."""
-    saves, room, first = memory(frame.saves, 1.0), memory(frame.room, 1.0), memory(frame.first, 1)
-    values = frame.channels + 1 if frame.kind == ATTITUDE else frame.channels
-    pitch = frame.rows * frame.columns * frame.width
-    for c in range(values):
+    for c in range(frame.channels + (frame.kind == ATTITUDE)):
         # of an attitude, the three components of a rotation vector have derivatives
         derivatives = frame.moving if c < frame.channels else 0
         for d in range(1 + derivatives):
-            at = ((frame.row + c) * frame.columns + d) * frame.width + frame.column + low
             target = MODEL + c if d == 0 else JACOBIAN + c * frame.parameters + d - 1
-            for lane in range(LANES):
-                room[target * LANES + lane] = 0.0
-            for i in range(NODES):
-                for lane in range(LANES):
-                    save = saves[(first[lane] + i) * pitch + at + lane]
-                    room[target * LANES + lane] += room[(WEIGHTS + i) * LANES + lane] * save
+            combine(frame, low, WEIGHTS, c * frame.columns + d, target)
+        combine(frame, low, SLOPES, c * frame.columns, RATE + c)
+
+
+def combine(frame, low, weights, value, target):
+    """Set a row to the sum of a value of all nodes by their weights."""
+    saves, room = memory(frame.saves, 1.0), memory(frame.room, 1.0)
+    for lane in range(LANES):
+        room[target * LANES + lane] = 0.0
+    for i in range(NODES):
         for lane in range(LANES):
-            room[(RATE + c) * LANES + lane] = 0.0
-        for i in range(NODES):
-            at = (frame.row + c) * frame.columns * frame.width + frame.column + low
-            for lane in range(LANES):
-                save = saves[(first[lane] + i) * pitch + at + lane]
-                room[(RATE + c) * LANES + lane] += room[(SLOPES + i) * LANES + lane] * save
+            place = (int(room[FIRST * LANES + lane]) + i) * frame.pitch
+            save = saves[place + value * frame.width + low + lane]
+            room[target * LANES + lane] += room[(weights + i) * LANES + lane] * save
 
 
 def change_parameters(frame, low):
@@ -187,22 +188,19 @@ def change_parameters(frame, low):
 
 
 def read_sensor(frame, low, k):
-    """Set the readings of a sensor in place of the model, and their derivatives."""
-    sensor, room, members = memory(frame.sensor, 1.0), memory(frame.room, 1.0), frame.members
-    if frame.kind == VECTOR:
+    """Set the residuals, data less reading, with the rates and the derivatives of the readings."""
+    if frame.kind == ATTITUDE:
+        compare_attitudes(frame, low, k)
+    if frame.kind != 0:
+        sensor, room, members = memory(frame.sensor, 1.0), memory(frame.room, 1.0), frame.members
         for lane in range(LANES):
-            turn(sensor, members, room, low, lane, MODEL, 1)
+            if frame.kind == VECTOR:
+                turn(sensor, members, room, low, lane, MODEL, 1)
             turn(sensor, members, room, low, lane, RATE, 1)
             for d in range(frame.moving):
                 turn(sensor, members, room, low, lane, JACOBIAN + d, frame.parameters)
-    columns_of = memory(frame.columns_of, 1)
     for c in range(frame.channels):
-        add_nuisances(frame, columns_of, low, k, c)
-    for c in range(frame.channels):
-        for lane in range(LANES):
-            at, m = (MODEL + c) * LANES + lane, low + lane
-            gain = 1.0 + sensor[(SCALE + c) * members + m]
-            room[at] = gain * room[at] + sensor[(BIAS + c) * members + m]
+        read_channel(frame, low, k, c)
 
 
 def turn(sensor, members, room, low, lane, row, apart):
@@ -215,30 +213,43 @@ def turn(sensor, members, room, low, lane, row, apart):
         room[(row + c * apart) * LANES + lane] = first + sensor[(3 * c + 2) * members + m] * z
 
 
-def add_nuisances(frame, columns_of, low, k, c):
-    """Set the derivatives of channel c by the parameters of the sensor, and scale all others.
-
-    `room` has the vector in the axes of the sensor, and its rate.
-    """
+def read_channel(frame, low, k, c):
+    """Set the residual of channel c and its derivatives by the nuisances, scale all others, and
+    multiply all by the weight; `room` has the vector in the axes of the sensor, and its rate."""
     sensor, room, members = memory(frame.sensor, 1.0), memory(frame.room, 1.0), frame.members
     times, record = memory(frame.times, 1.0), memory(frame.record, 1)
+    weights = memory(frame.weights, 1.0)
+    values, columns_of = memory(frame.values, 1.0), memory(frame.columns_of, 1)
     row, after, before = JACOBIAN + c * frame.parameters, (c + 1) % 3, (c + 2) % 3
     for lane in range(LANES):
-        m = low + lane
-        gain = 1.0 + sensor[(SCALE + c) * members + m]
-        for d in range(frame.moving):
-            room[(row + d) * LANES + lane] *= gain
-        rate = gain * room[(RATE + c) * LANES + lane]
-        put(room, row, columns_of[c], lane, 1.0)
-        put(room, row, columns_of[OF_SCALE + c], lane, room[(MODEL + c) * LANES + lane])
-        put(room, row, columns_of[OF_OFFSET], lane, rate)
-        t = times[record[m] * frame.samples + k]
-        put(room, row, columns_of[OF_DRIFT], lane, rate * t)
+        m, gain = low + lane, 1.0
+        sample = record[m] * frame.samples + k
+        if frame.kind == ATTITUDE:
+            put(room, row, columns_of[OF_ROTATION + c], lane, -1.0)
+        else:
+            gain, u = 1.0 + sensor[(SCALE + c) * members + m], room[(MODEL + c) * LANES + lane]
+            reading = gain * u + sensor[(BIAS + c) * members + m]
+            data = values[sample * frame.channels + c]
+            room[(RESIDUAL + c) * LANES + lane] = data - reading
+            put(room, row, columns_of[c], lane, 1.0)
+            put(room, row, columns_of[OF_SCALE + c], lane, u)
         if frame.kind == VECTOR:  # component c of d x u, by d_(c+1) and d_(c+2)
             u_before = room[(MODEL + before) * LANES + lane]
             put(room, row, columns_of[OF_ROTATION + after], lane, gain * u_before)
             u_after = room[(MODEL + after) * LANES + lane]
             put(room, row, columns_of[OF_ROTATION + before], lane, -gain * u_after)
+        for d in range(frame.moving):
+            room[(row + d) * LANES + lane] *= gain
+        rate = gain * room[(RATE + c) * LANES + lane]
+        put(room, row, columns_of[OF_OFFSET], lane, rate)
+        put(room, row, columns_of[OF_DRIFT], lane, rate * times[sample])
+        weight = weights[sample * frame.channels + c]
+        room[(RATE + c) * LANES + lane] = weight * rate
+        left = room[(RESIDUAL + c) * LANES + lane]
+        # A missing value is nan, and nan times 0 is nan.
+        room[(RESIDUAL + c) * LANES + lane] = weight * left if weight > 0.0 else 0.0
+        for d in range(frame.parameters):
+            room[(row + d) * LANES + lane] *= weight
 
 
 def put(room, row, column, lane, value):
@@ -249,13 +260,12 @@ def put(room, row, column, lane, value):
 
 def compare_attitudes(frame, low, k):
     """Set data less model of an attitude: 2 vec(s* d), the rotation from the model s = q p of a
-    sensor to the data d in its axes, and the derivatives of the model. p is the inverse of R.
+    sensor to the data d in its axes, and the rate of the model. p is the inverse of R.
 
     To first order in the rotation, it changes by minus the derivatives of the model.
     """
     room, values = memory(frame.room, 1.0), memory(frame.values, 1.0)
-    sensor, columns_of = memory(frame.sensor, 1.0), memory(frame.columns_of, 1)
-    record, times = memory(frame.record, 1), memory(frame.times, 1.0)
+    sensor, record = memory(frame.sensor, 1.0), memory(frame.record, 1)
     for lane in range(LANES):
         m = low + lane
         sample = record[m] * frame.samples + k
@@ -266,16 +276,8 @@ def compare_attitudes(frame, low, k):
         # q and -q are one attitude; and the polynomial leaves the unit sphere by its error
         sign = 2.0 if left[0] >= 0.0 else -2.0
         for c in range(3):
-            room[(TURNED + c) * LANES + lane] = sign * (left[1], left[2], left[3])[c]
+            room[(RESIDUAL + c) * LANES + lane] = sign * (left[1], left[2], left[3])[c]
             room[(RATE + c) * LANES + lane] = 2.0 * (spin[1], spin[2], spin[3])[c]
-        turn(sensor, frame.members, room, low, lane, RATE, 1)
-        for d in range(frame.moving):
-            turn(sensor, frame.members, room, low, lane, JACOBIAN + d, frame.parameters)
-        for c in range(3):
-            row, rate_of_c = JACOBIAN + c * frame.parameters, room[(RATE + c) * LANES + lane]
-            put(room, row, columns_of[OF_ROTATION + c], lane, -1.0)
-            put(room, row, columns_of[OF_OFFSET], lane, rate_of_c)
-            put(room, row, columns_of[OF_DRIFT], lane, rate_of_c * times[sample])
 
 
 def four(numbers, at, apart):
@@ -283,23 +285,41 @@ def four(numbers, at, apart):
     return numbers[at], numbers[at + apart], numbers[at + 2 * apart], numbers[at + 3 * apart]
 
 
-def weigh(frame, low, k):
-    """Set the residuals, and multiply the derivatives by the weights."""
-    room, values = memory(frame.room, 1.0), memory(frame.values, 1.0)
-    weights, record = memory(frame.weights, 1.0), memory(frame.record, 1)
-    for c in range(frame.channels):
-        row = JACOBIAN + c * frame.parameters
+def whiten(frame, low, k):
+    """Make the channels y of a sample, whose errors an error of its time correlates, white:
+    y - h (h . y), in the residuals and in each derivative."""
+    room, along = memory(frame.room, 1.0), memory(frame.along, 1.0)
+    record = memory(frame.record, 1)
+    for d in range(1 + frame.parameters):
+        row = RESIDUAL if d == 0 else JACOBIAN + d - 1
+        apart = 1 if d == 0 else frame.parameters
         for lane in range(LANES):
-            sample = record[low + lane] * frame.samples + k
-            weight = weights[sample * frame.channels + c]
-            left = room[(TURNED + c) * LANES + lane]
-            if frame.kind != ATTITUDE:
-                data = values[sample * frame.channels + c]
-                left = data - room[(MODEL + c) * LANES + lane]
-            # A missing value is nan, and nan times 0 is nan.
-            room[(RESIDUAL + c) * LANES + lane] = weight * left if weight > 0.0 else 0.0
-            for d in range(frame.parameters):
-                room[(row + d) * LANES + lane] *= weight
+            first, total = (record[low + lane] * frame.samples + k) * frame.channels, 0.0
+            for c in range(frame.channels):
+                total += along[first + c] * room[(row + c * apart) * LANES + lane]
+            for c in range(frame.channels):
+                room[(row + c * apart) * LANES + lane] -= along[first + c] * total
+
+
+def lose(frame, low, c):
+    """Set the cost of channel c of a sample, scale^2 rho(z) with z = (r/scale)^2, and multiply
+    residual and derivatives by the root of rho'(z)."""
+    room, row = memory(frame.room, 1.0), JACOBIAN + c * frame.parameters
+    for lane in range(LANES):
+        left = room[(RESIDUAL + c) * LANES + lane]
+        cost, slope = left * left, 1.0
+        if frame.loss == HUBER and cost > HUBER_SCALE * HUBER_SCALE:
+            slope = HUBER_SCALE / math.sqrt(cost)
+            cost = HUBER_SCALE * (2.0 * math.sqrt(cost) - HUBER_SCALE)
+        if frame.loss == CAUCHY:
+            z = cost / (CAUCHY_SCALE * CAUCHY_SCALE)
+            slope = 1.0 / (1.0 + z)
+            cost = CAUCHY_SCALE * CAUCHY_SCALE * logarithm_of_one_and(z)
+        room[COST * LANES + lane] = cost
+        root = math.sqrt(slope)
+        room[(RESIDUAL + c) * LANES + lane] = root * left
+        for d in range(frame.parameters):
+            room[(row + d) * LANES + lane] *= root
 
 
 def add_sample(frame, low, c):
@@ -318,17 +338,17 @@ def add_sample(frame, low, c):
             sums[place + lane] += room[(row + i) * LANES + lane] * room[residual + lane]
         place += frame.members
     for lane in range(LANES):
-        sums[place + lane] += room[residual + lane] * room[residual + lane]
+        sums[place + lane] += room[COST * LANES + lane]
 
 
 def keep_sample(frame, low, number, c):
-    """Write the residual and the derivatives of channel c of a sample."""
+    """Write the residual, the rate and the derivatives of channel c of a sample."""
     room, sums = memory(frame.room, 1.0), memory(frame.sums, 1.0)
     p, row = frame.parameters, JACOBIAN + c * frame.parameters
-    for i in range(1 + p):
-        source = RESIDUAL + c if i == 0 else row + i - 1
+    for i in range(2 + p):
+        source = RESIDUAL + c if i == 0 else RATE + c if i == 1 else row + i - 2
         for lane in range(LANES):
-            at = (number * (1 + p) + i) * frame.members + low + lane
+            at = (number * (2 + p) + i) * frame.members + low + lane
             sums[at] = room[source * LANES + lane]
 
 

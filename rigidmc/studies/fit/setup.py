@@ -51,11 +51,14 @@ def make_problem(
     nuisances: Sequence[str],
     threads: int,
     finer: int = 1,
+    loss: str = "linear",
+    streams: tuple[Stream, ...] = (),
 ) -> FitProblem:
     """Return the problem of a fit; OptionError or SceneError.
 
     free : parameters of the scene;  own : those that differ between records, besides the start
     noise : of observables, as the user gives it;  nuisances : words such as bias and omega.bias
+    streams : the readings of the records, if they are made
     """
     nominal = _nominal(scene, free)
     run = prepare_scene(_with_saves(scene, nominal, records, finer))
@@ -63,9 +66,9 @@ def make_problem(
         if name not in nominal:
             raise unknown("free parameter", nominal, at="each", value=name, error=OptionError)
     shared = [name for name in nominal if not name.startswith("start.") and name not in own]
-    streams = _streams(run, records, _read_noise(run, noise), nuisances)
+    streams = streams or _streams(run, records, _read_noise(run, noise), nuisances, loss)
     parameters = FitParameters(nominal, shared, streams, len(records), _limits(run.scene, nominal))
-    return FitProblem(run, parameters, streams, threads)
+    return FitProblem(run, parameters, streams, threads, loss)
 
 
 def _nominal(scene: Scene, free: Sequence[str]) -> dict[str, float | list[float]]:
@@ -130,6 +133,7 @@ def _streams(
     records: Sequence[Record],
     noise: Mapping[str, float],
     nuisances: Sequence[str],
+    loss: str,
 ) -> tuple[Stream, ...]:
     """Return the streams of the records, one for each observable."""
     recording, streams = run.layout.recording, []
@@ -139,9 +143,15 @@ def _streams(
     for name, kind in kinds.items():
         times = padded([r.times[name] - t for r, t in zip(records, begins, strict=True)])
         values = padded([record.values[name] for record in records])
-        stream = Stream(name, kind, times, values, np.empty(0), words[name])
-        sigma = noise.get(name)
-        each = high_frequency_noise(stream) if sigma is None else np.full(stream.channels, sigma)
+        known = tuple(word for word in words[name] if word != "jitter")
+        sigma, has_jitter = noise.get(name), "jitter" in words[name]
+        stream = Stream(
+            name, kind, times, values, np.empty(0), known,
+            is_estimated=sigma is None, has_jitter=has_jitter,
+        )  # fmt: skip
+        each = np.full(stream.channels, sigma)
+        if sigma is None:
+            each = high_frequency_noise(stream, is_robust=loss != "linear")
         streams.append(stream._replace(noise=each))
     return tuple(streams)
 

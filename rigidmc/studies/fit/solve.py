@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from rigidmc.studies.fit.problem import FitProblem, Sums
+from rigidmc.studies.fit.problem import LOSSES, FitProblem, Sums
 from rigidmc.studies.fit.streams import Array
 
 LONGEST = 1.0  # of a step of ln J: trial bodies change by a factor e at most
@@ -110,6 +110,7 @@ def polish(problem: FitProblem, solution: Solution, some: NDArray[np.int64]) -> 
         found = least_squares(
             lambda y: at(y)[0], x[i], lambda y: at(y)[1], bounds=(low, high), x_scale="jac",
             ftol=1e-12, xtol=1e-12, gtol=1e-14, max_nfev=40,
+            loss=problem.loss, f_scale=LOSSES[problem.loss][1],
         )  # fmt: skip
         if 2.0 * found.cost < cost[i]:
             x[i], cost[i] = found.x, 2.0 * found.cost

@@ -46,7 +46,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import OptionError
+from rigidmc.errors import OptionError, unknown
 from rigidmc.files.outputs import Path, write_bytes
 from rigidmc.processes.progress import say
 from rigidmc.results.labels import count_text, units_text
@@ -54,12 +54,12 @@ from rigidmc.scene.scene import Scene
 from rigidmc.studies.fit.answers import best_of, contenders, upright
 from rigidmc.studies.fit.dataset import AXES, VARIABLES, dataset_of
 from rigidmc.studies.fit.missing import candidates
-from rigidmc.studies.fit.problem import FitProblem
+from rigidmc.studies.fit.problem import LOSSES, FitProblem
 from rigidmc.studies.fit.records import read_columns_option
 from rigidmc.studies.fit.setup import make_problem, records_of
 from rigidmc.studies.fit.solve import Solution, minimise, polish
 from rigidmc.studies.fit.starts import make_starts
-from rigidmc.studies.fit.streams import NUISANCES, Array
+from rigidmc.studies.fit.streams import NUISANCES, Array, Stream
 from rigidmc.studies.fit.suspicions import examine
 from rigidmc.studies.fit.uncertainty import SEEN, assess
 from rigidmc.studies.fit.visible import in_words, seen
@@ -69,6 +69,7 @@ from rigidmc.studies.framework.study import Example, OutputFile, Study
 from rigidmc.studies.framework.work import Direct
 
 MOST_FINER = 64  # steps, times that of the rates: a nutation is 64 times as fast as they
+MOST_REFINED = 6  # fits, each with the noise and jitter that the one before shows
 RESOLVED = 0.1  # of the noise: it changes no parameter by more than a tenth of its deviation
 MOST_ANSWERS = 4  # printed besides the best: a screen has 24 lines
 
@@ -95,6 +96,13 @@ def read_intervals(value: Any, at: str) -> tuple[tuple[float, float], ...]:
     pairs = (value,) if isinstance(value, str) else value
     texts = (x if isinstance(x, str) else ":".join(map(repr, x)) for x in pairs)
     return tuple(read_interval(text, at) for text in texts)
+
+
+def read_loss(value: Any, at: str) -> str:
+    """Return the name of a loss; OptionError."""
+    if value not in LOSSES:
+        raise unknown("loss", LOSSES, at=at, value=value, error=OptionError)
+    return str(value)
 
 
 class FitOptions(Options):
@@ -144,6 +152,9 @@ class FitOptions(Options):
     )
     nuisances: Names | None = option(
         None, f"unknown properties of the sensors, of {', '.join(NUISANCES)}", metavar="NAME,..."
+    )
+    loss: str = option(
+        "linear", "cost of outliers: squares (linear), or less (huber, cauchy)", reader=read_loss
     )
     each: Names | None = option(None, "free parameters that differ between records, beside [start]")
     trials: int = option(100, "first guesses from which the fit begins")
@@ -195,16 +206,26 @@ def compute(scene: Scene, options: FitOptions, threads: int | None, progress: An
     def make(moved: Scene, more: Sequence[str] = (), finer: int = 1) -> FitProblem:
         free, own = (*(options.free or ()), *more), options.each or ()
         nuisances = options.nuisances or ()
-        return make_problem(moved, free, own, records, options.noise, nuisances, threads, finer)
+        return make_problem(
+            moved, free, own, records, options.noise, nuisances, threads, finer, options.loss,
+            streams,
+        )  # fmt: skip
 
+    streams: tuple[Stream, ...] = ()
     problem = make(scene)
     x = make_starts(problem.parameters, problem.streams, options.trials, scene.run.seed)
     if progress:
         first = seen(problem.sums(x[:1]).matrix[0])
         for line in in_words(problem.parameters, x[0], first):
             say(line)
-    problem, solution, best, finer = solve_finely(problem, lambda n: make(scene, finer=n), x)
-    at = solution.x[best]
+    for more in reversed(range(MOST_REFINED)):
+        problem, solution, best, finer = solve_finely(problem, lambda n: make(scene, finer=n), x)
+        at, x = solution.x[best], solution.x
+        newer = problem.refined(at) if more else ()
+        if not newer:
+            break
+        streams = newer
+        problem = make(scene)
     found, cost = assess(problem, at), float(solution.sums.cost[best])
     torques = candidates(scene, problem, at, cost, partial(make, finer=finer), found.error.is_seen)
     made = dataset_of(scene, problem, solution, best, found, torques, options.confidence)
@@ -226,6 +247,11 @@ def table(study: xr.Dataset) -> list[str]:
         for i in range(2):
             value, deviation = study.ratio.values[i, 2], study.ratio_deviation.values[i, 2]
             rows.append((f"{AXES[i]}/{AXES[2]}", *in_digits(value, deviation), ""))
+    for name, size, width in zip(
+        study.sensor.values, study.jitter.values, study.jitter_deviation.values, strict=True
+    ):
+        if width > 0.0:
+            rows.append((f"{name}.jitter", *in_digits(size, width), "s"))
     widths = [max(map(len, column)) for column in list(zip(*rows, strict=True))[:3]]
     for name, value, deviation, unit in rows:
         line = f"  {name:{widths[0]}}  {value:>{widths[1]}}  {deviation:>{widths[2]}}  {unit}"

@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded, solveh_banded
 from scipy.optimize import minimize
 
-from rigidmc.studies.fit.problem import FitProblem
+from rigidmc.studies.fit.problem import LOSSES, FitProblem
 from rigidmc.studies.fit.streams import Array
 from rigidmc.studies.fit.visible import Seen, seen
 
 SEEN = 4.6  # gain of a model error that white noise has with a chance of 1 % (chi^2, 2)
+FEWEST = 0.05  # share of residuals that a loss takes as they are: fewer tell no deviation
 
 
 class ModelError(NamedTuple):
@@ -49,55 +50,51 @@ class ModelError(NamedTuple):
 
 
 class Channels(NamedTuple):
-    """Residuals and their derivatives, each channel of each record beside the others.
+    """Residuals and their derivatives, one channel of one record after the other.
 
-    steps : times since the sample before (channels, samples), 0 before the first
-    rows : residual and derivatives (channels, samples, 1 + columns), 0 where there is no sample
-    is_there : whether there is one (channels, samples)
-    places : place among all coordinates of each column of a channel (channels, columns)
-    parameters : number of all coordinates
+    steps : times since the sample before (n,), inf for the first of a channel
+    rows : residual and derivatives (n, 1 + columns)
+    parts : (first row, end, places among all coordinates after the residual, 0) of each channel
+    size : number of all coordinates
     """
 
     steps: Array
     rows: Array
-    is_there: NDArray[np.bool_]
-    places: NDArray[np.int64]
-    parameters: int
+    parts: list[tuple[int, int, NDArray[np.int64]]]
+    size: int
 
-    def gathered(self, parts: Array) -> Array:
-        """Return the sum (size, size) of matrices (channels, columns, columns)."""
-        total = np.zeros((self.parameters, self.parameters))
-        for part, places in zip(parts, self.places, strict=True):
-            total[np.ix_(places, places)] += part
+    def product(self, x: Array) -> Array:
+        """Return rows^T x of all coordinates after the residual, (1 + size, 1 + size)."""
+        total = np.zeros((1 + self.size, 1 + self.size))
+        for low, high, places in self.parts:
+            total[np.ix_(places, places)] += self.rows[low:high].T @ x[low:high]
         return total
 
 
 def by_channel(
-    places: list[NDArray[np.int64]],
-    index: NDArray[np.int64],
-    times: Array,
-    residuals: Array,
+    times: Array, channel: NDArray[np.int64], index: NDArray[np.int64], residuals: Array,
     jacobian: Array,
-) -> Channels:
-    """Put residuals side by side. places : of each channel, in order of time;  index : as in
-    Channels"""
-    longest = max(place.size for place in places)
-    steps = np.zeros((len(places), longest))
-    rows = np.zeros((*steps.shape, 1 + index.shape[1]))
-    is_there = np.zeros(steps.shape, bool)
-    for i, place in enumerate(places):
-        steps[i, 1 : place.size] = np.diff(times[place])
-        rows[i, : place.size, 0] = residuals[place]
-        rows[i, : place.size, 1:] = jacobian[place[:, None], index[i]]
-        is_there[i, : place.size] = True
-    return Channels(steps, rows, is_there, index, jacobian.shape[1])
+) -> Channels:  # fmt: skip
+    """Sort residuals, in order of time, by their channels. channel : of each, among channels of all
+    records;  index : places of the coordinates of each channel (channels, columns)"""
+    order = np.argsort(channel, kind="stable")
+    steps = np.diff(times[order], prepend=-np.inf)
+    bounds = np.searchsorted(channel[order], np.arange(len(index) + 1))
+    steps[bounds[:-1][np.diff(bounds) > 0]] = np.inf
+    rows = np.empty((order.size, 1 + index.shape[1]))
+    rows[:, 0] = residuals[order]
+    parts = []
+    for low, high, places in zip(bounds[:-1], bounds[1:], index, strict=True):
+        rows[low:high, 1:] = jacobian[order[low:high, None], places]
+        parts.append((int(low), int(high), np.append(0, 1 + places)))
+    return Channels(steps, rows, parts, jacobian.shape[1])
 
 
 def model_error(channels: Channels, shown: Seen) -> ModelError:
     """Return the covariance of the residuals that has the largest restricted likelihood."""
     basis = _basis(shown)
-    span = float(channels.steps.sum(1).max())
-    shortest = float(np.median(channels.steps[channels.steps > 0.0]))
+    steps = channels.steps[np.isfinite(channels.steps)]
+    span, shortest = float(steps.sum()) / max(1, len(channels.parts)), float(np.median(steps))
     white = _likelihood(channels, basis, 0.0, 1.0)
 
     def cost(x: Any) -> float:
@@ -125,18 +122,14 @@ def _basis(shown: Seen) -> Array:
     return np.asarray(vectors[:, keep] * np.sqrt(values[keep]))
 
 
-def _inverse(channels: Channels, time: float) -> tuple[Array, float]:
+def _inverse(steps: Array, time: float) -> tuple[Array, float]:
     """Return (the inverse of the autocorrelation exp(-|t_k - t_l|/T), the logarithm of its
-    determinant): tridiagonal, all channels in a row, its upper diagonal before its main one.
+    determinant): tridiagonal, its upper diagonal before its main one.
 
     Source: Rasmussen & Williams, Gaussian Processes for Machine Learning (2006), appendix B.
     """
-    is_next = channels.is_there & (np.arange(channels.steps.shape[1]) > 0)
-    ratio = (channels.steps / time).ravel()[is_next.ravel()]
-    rho, left = np.zeros(is_next.size), np.ones(is_next.size)
-    rho[is_next.ravel()] = np.exp(-ratio)
-    left[is_next.ravel()] = np.maximum(-np.expm1(-2.0 * ratio), 1e-12)  # 1 - rho^2
-    diagonal = 1.0 / left
+    rho, left = np.exp(-steps / time), np.maximum(-np.expm1(-2.0 * steps / time), 1e-12)
+    diagonal = 1.0 / left  # of 1 - rho^2
     diagonal[:-1] += (rho**2 / left)[1:]
     return np.stack([-rho / left, diagonal]), float(np.log(left).sum())
 
@@ -147,22 +140,17 @@ def _likelihood(channels: Channels, basis: Array, ratio: float, time: float) -> 
     C/v = 1 + ratio K with the autocorrelation K, whose inverse is tridiagonal:
     C^-1 v = K^-1 (K^-1 + ratio)^-1, in a time that grows with the number of samples.
     """
-    rows, is_there, index = channels.rows, channels.is_there, channels.places
-    band, logarithm = _inverse(channels, time)
+    band, logarithm = _inverse(channels.steps, time)
     factor = cholesky_banded(band + np.array([[0.0], [ratio]]))
     logarithm += 2.0 * float(np.log(factor[1]).sum())
-    logarithm -= np.count_nonzero(~is_there) * math.log1p(ratio)
-    y = cho_solve_banded((factor, False), rows.reshape(-1, rows.shape[2]))
+    y = cho_solve_banded((factor, False), channels.rows)
     x = band[1][:, None] * y
     x[1:] += band[0, 1:, None] * y[:-1]
     x[:-1] += band[0, 1:, None] * y[1:]
-    information = rows.transpose(0, 2, 1) @ x.reshape(rows.shape)
-    matrix = basis.T @ channels.gathered(information[:, 1:, 1:]) @ basis
-    right = np.zeros(channels.parameters)
-    np.add.at(right, index, information[:, 1:, 0])
-    right = basis.T @ right
-    count = int(is_there.sum()) - matrix.shape[0]
-    left = float(information[:, 0, 0].sum() - right @ np.linalg.solve(matrix, right))
+    whole = channels.product(x)
+    matrix, right = basis.T @ whole[1:, 1:] @ basis, basis.T @ whole[1:, 0]
+    count = channels.steps.size - matrix.shape[0]
+    left = float(whole[0, 0] - right @ np.linalg.solve(matrix, right))
     variance_of_all = max(left, 1e-300) / count  # 1e-300: its logarithm is a number
     determinant = float(np.linalg.slogdet(matrix)[1])
     return -0.5 * (count * math.log(variance_of_all) + logarithm + determinant), variance_of_all
@@ -170,19 +158,32 @@ def _likelihood(channels: Channels, basis: Array, ratio: float, time: float) -> 
 
 def covariance_of(channels: Channels, shown: Seen, error: ModelError) -> Array:
     """Return the covariance of the coordinates (size, size), on what the data show."""
-    jacobian = channels.rows[..., 1:]
-    band = _inverse(channels, error.time)[0]
-    lasting = solveh_banded(band, jacobian.reshape(-1, jacobian.shape[2])).reshape(jacobian.shape)
-    across = jacobian.transpose(0, 2, 1)
-    white, lasting = across @ jacobian, across @ lasting
-    middle = channels.gathered(error.white * white + error.lasting * lasting)
+    lasting = solveh_banded(_inverse(channels.steps, error.time)[0], channels.rows)
+    middle = channels.product(error.white * channels.rows + error.lasting * lasting)[1:, 1:]
     return np.asarray(shown.inverse @ middle @ shown.inverse)
+
+
+def pseudo_residuals(loss: str, residuals: Array) -> Array:
+    """Return psi/E[psi'] of residuals over their noise, with psi(r) = r rho'((r/scale)^2).
+
+    A robust fit is, to first order, that of least squares to these.
+    Source: Huber, Robust Statistics (1981), 7.10.
+    """
+    z = (residuals / LOSSES[loss][1]) ** 2
+    if loss == "huber":
+        slope, change = 1.0 / np.sqrt(np.maximum(z, 1.0)), np.where(z <= 1.0, 1.0, 0.0)
+    elif loss == "cauchy":
+        slope, change = 1.0 / (1.0 + z), (1.0 - z) / (1.0 + z) ** 2
+    else:
+        return residuals
+    return np.asarray(slope * residuals / max(FEWEST, float(np.mean(change))))
 
 
 class Assessment(NamedTuple):
     """What the residuals of a fit say.
 
-    residuals : weighted;  variance : their sum of squares over the degrees of freedom
+    residuals : of the readings over their noise
+    variance : of white residuals: the sum of their squares over the degrees of freedom
     error : their covariance;  shown : what the data show;  covariance : of the coordinates
     """
 
@@ -195,11 +196,14 @@ class Assessment(NamedTuple):
 
 def assess(problem: FitProblem, x: Array) -> Assessment:
     """Return what the residuals say at the coordinates x (size,) of an answer."""
-    residuals, jacobian = problem.jacobian(x)
-    shown = seen(jacobian.T @ jacobian)
-    times = problem.samples_in_order()[0]
-    channels = by_channel(*problem.channels(), times, residuals, jacobian)
+    white, jacobian = problem.jacobian(x)
+    white, shown = pseudo_residuals(problem.loss, white), seen(jacobian.T @ jacobian)
+    times, _, _, names, records = problem.samples_in_order()
+    index, channel = problem.parameters.index, np.unique(names, return_inverse=True)[1]
+    of_each = np.tile(index, (channel.max() + 1, 1))
+    channels = by_channel(times, channel * len(index) + records, of_each, white, jacobian)
     error = model_error(channels, shown)
-    free = max(1, residuals.size - x.size + len(shown.unseen))
-    variance = float(residuals @ residuals) / free
-    return Assessment(residuals, variance, error, shown, covariance_of(channels, shown, error))
+    free = max(1, white.size - x.size + len(shown.unseen))
+    variance, covariance = float(white @ white) / free, covariance_of(channels, shown, error)
+    residuals = problem.residuals_of(x[None], is_white=False)[0]
+    return Assessment(residuals, variance, error, shown, covariance)

@@ -1,13 +1,18 @@
 """The sums of a fit, against explicit sums of analytic functions in NumPy."""
 
+import hashlib
+import signal
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bench import bits
 from rigidmc.engine.kernel.normal_equations import (
     ATTITUDE,
     BIAS,
-    DIVISORS,
     DRIFT,
     JACOBIAN,
     LANES,
@@ -19,6 +24,7 @@ from rigidmc.engine.kernel.normal_equations import (
     Samples,
 )
 from rigidmc.engine.normal_equations import sum_samples
+from rigidmc.studies.fit.problem import LOSSES
 
 SAVES, ROWS, MOVING, RECORDS, SAMPLES = 200, 5, 4, 2, 60
 EVERY = 0.05  # polynomials of degree 7 miss (2 EVERY)^8/9000 = 1e-12 of cos 2t
@@ -45,6 +51,7 @@ class Waves:
         self.weights[0, 3, 1] = 0.0
         self.values[0, 3, 1] = np.nan
         self.chain = random.normal(size=(3, 3, members))
+        self.along = random.uniform(-0.5, 0.5, (RECORDS, SAMPLES, 3)) * (self.weights > 0.0)
         self.members = members
 
     def at(self, place):
@@ -60,24 +67,26 @@ class Waves:
             sensor[MOUNTING : MOUNTING + 4] = self.turn.inv().as_quat(scalar_first=True).T
         return sensor
 
-    def sums(self, kind=VECTOR, mixed=3, keeps=0, row=1, **changed):
+    def sums(self, kind=VECTOR, mixed=3, keeps=0, row=1, column=0, **changed):
         """The sums of the kernel, with all nuisances of a vector."""
         parameters = changed.get("parameters", MOVING + NUISANCES)
         columns_of = MOVING + np.arange(NUISANCES)
         shape = parameters * (parameters + 1) // 2 + parameters + 1, self.members
         if keeps:
-            shape = SAMPLES * 3 * (1 + parameters), self.members
+            shape = SAMPLES * 3 * (2 + parameters), self.members
         values = self.values if kind == ATTITUDE else np.ascontiguousarray(self.values[..., :3])
         sums = np.zeros(shape)
         given = {
-            "saves": self.saves, "times": self.times, "values": values, "weights": self.weights,
+            "saves": self.saves.ravel()[row * (1 + MOVING) * self.saves.shape[-1] + column :],
+            "times": self.times, "values": values, "weights": self.weights,
             "record": self.record, "sensor": self.sensor(kind), "columns_of": columns_of,
-            "divisors": DIVISORS, "chain": self.chain, "sums": sums,
+            "chain": self.chain, "along": self.along, "sums": sums,
             "room": np.zeros((JACOBIAN + 4 * parameters + 3) * LANES),
-            "first": np.zeros(LANES, np.int64), "rows": ROWS, "columns": 1 + MOVING,
-            "width": self.saves.shape[-1], "column": 0, "steps": SAVES, "samples": SAMPLES,
-            "members": self.members, "kind": kind, "row": row, "channels": 3,
+            "pitch": self.saves[0].size, "columns": 1 + MOVING,
+            "width": self.saves.shape[-1], "steps": SAVES, "samples": SAMPLES,
+            "members": self.members, "kind": kind, "channels": 3,
             "parameters": parameters, "moving": MOVING, "mixed": mixed, "keeps": keeps,
+            "is_shaken": 0, "loss": 0,
         }  # fmt: skip
         sum_samples(Samples(**{**given, **changed}))
         return sums
@@ -137,9 +146,69 @@ def test_kept_residuals_and_derivatives_have_the_sums():
     for m in range(8):
         residuals, slopes = waves.expected(m)
         np.testing.assert_allclose(kept[:, :, 0, m], residuals, atol=1e-9)
-        np.testing.assert_allclose(kept[:, :, 1:, m], slopes, atol=1e-7)
+        np.testing.assert_allclose(kept[:, :, 1, m], slopes[:, :, MOVING + 9], atol=1e-7)
+        np.testing.assert_allclose(kept[:, :, 2:, m], slopes, atol=1e-7)
         sums = waves.sums()[:, m]
-        np.testing.assert_allclose(summed(kept[:, :, 0, m], kept[:, :, 1:, m]), sums, rtol=1e-12)
+        np.testing.assert_allclose(summed(kept[:, :, 0, m], kept[:, :, 2:, m]), sums, rtol=1e-12)
+
+
+def test_samples_are_made_white_before_they_are_summed():
+    waves = Waves(8)
+    kept = waves.sums(keeps=1).reshape(SAMPLES, 3, -1, 8)
+    found = waves.sums(is_shaken=1)
+    for m in range(8):
+        h = waves.along[waves.record[m]]
+        turn = np.eye(3) - h[:, :, None] * h[:, None]
+        white = np.einsum("kcd,kdi->kci", turn, kept[..., m])
+        np.testing.assert_allclose(found[:, m], summed(white[..., 0], white[..., 2:]), rtol=1e-10)
+
+
+# rho and rho' of scipy's documentation
+RHO = {
+    "huber": (
+        lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1), lambda z: np.maximum(z, 1) ** -0.5
+    ),
+    "cauchy": (np.log1p, lambda z: 1 / (1 + z)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("loss", RHO)
+def test_outliers_are_weighed_as_the_loss_asks(loss):
+    waves, (number, scale), (rho, slope) = Waves(8), LOSSES[loss], RHO[loss]
+    kept = waves.sums(keeps=1).reshape(SAMPLES, 3, -1, 8)
+    found = waves.sums(loss=number)
+    for m in range(8):
+        z = (kept[:, :, 0, m] / scale) ** 2
+        assert (z > 1.0).any() and (z < 1.0).any()
+        some = np.sqrt(slope(z))[..., None] * kept[..., m]
+        expected = summed(some[..., 0], some[..., 2:])
+        expected[-1] = scale**2 * rho(z).sum()
+        np.testing.assert_allclose(found[:, m], expected, rtol=1e-10, atol=1e-10)
+
+
+def digest():
+    """The bits of the sums with jitter and a loss, and of attitudes."""
+    rates = Waves(16).sums(is_shaken=1, loss=LOSSES["cauchy"][0])
+    columns_of = np.array([-1] * 6 + list(range(MOVING, MOVING + 5)))
+    turns = Waves(16).sums(ATTITUDE, columns_of=columns_of, parameters=MOVING + 5)
+    return hashlib.sha256(rates.tobytes() + turns.tobytes()).hexdigest()
+
+
+# of other libraries, NumPy computes the waves with other bits
+@pytest.mark.slow  # each compiles for 10 s
+@pytest.mark.parametrize(
+    "processor", [name for name in bits.PROCESSORS if "libraries" not in name][1:]
+)
+def test_sums_have_the_same_bits_on_any_processor(processor, tmp_path):
+    """With vectors of 128, 256 and 512 bits, and without fused multiply-adds."""
+    code = "from tests.engine.kernel.test_normal_equations import digest; print(digest())"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True,
+        env={**bits.environment(processor), "RIGIDMC_CACHE_DIR": str(tmp_path)},
+    )  # fmt: skip
+    if done.returncode == -signal.SIGILL:
+        pytest.skip(f"this CPU lacks instructions of {processor}")
+    assert done.stdout.split() == [digest()], done.stderr
 
 
 def test_attitudes_are_compared_by_the_rotation_between_them():
@@ -176,11 +245,12 @@ def test_attitudes_are_compared_by_the_rotation_between_them():
             near @ waves.motion(m, t[5] * (1 + waves.drift[m]) + waves.offset[m], 1, 3)[1][:3],
             -np.eye(3), (near @ axis)[:, None], (near @ axis * t[5])[:, None],
         ])  # fmt: skip
-        np.testing.assert_allclose(kept[5, :, 1:, m], slope, atol=1e-9)
+        np.testing.assert_allclose(kept[5, :, 2:, m], slope, atol=1e-9)
 
 
+@pytest.mark.parametrize("more", [{}, {"is_shaken": 1, "loss": 2}])
 @pytest.mark.parametrize("members", [8, 16, 40])
-def test_sums_of_a_member_do_not_depend_on_those_beside_it(members):
+def test_sums_of_a_member_do_not_depend_on_those_beside_it(members, more):
     large = Waves(members)
     alone = Waves(members)
     some = np.arange(members)[::-1][:LANES]
@@ -189,7 +259,7 @@ def test_sums_of_a_member_do_not_depend_on_those_beside_it(members):
     for name in ("record", "scale", "bias", "offset", "drift", "turn"):
         setattr(alone, name, getattr(large, name)[some])
     alone.members = LANES
-    np.testing.assert_array_equal(alone.sums(), large.sums()[:, some])
+    np.testing.assert_array_equal(alone.sums(**more), large.sums(**more)[:, some])
 
 
 def test_members_may_lie_anywhere_in_the_saves():
