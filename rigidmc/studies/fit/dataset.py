@@ -47,6 +47,7 @@ VARIABLES = (
     StudyVariable("gain", "torque", "1", "gain of the logarithm of the likelihood by a torque"),
     StudyVariable("data", "sample", "", "measured value"),
     StudyVariable("model", "sample", "", "value at the best answer"),
+    StudyVariable("model_deviation", "sample", "", "standard deviation of the model"),
     StudyVariable("noise", "sample", "", "standard deviation of the value"),
 )  # fmt: skip
 
@@ -72,6 +73,8 @@ def dataset_of(
     slopes, value = parameters.slopes(x), parameters.values(x)
     covariance = covariance_of(allowed, lambda y: (parameters.values(y), parameters.slopes(y)))
     deviation = np.sqrt(np.diag(covariance))
+    jacobian = problem.jacobian(x)[1]
+    spread = np.sqrt(np.maximum(0.0, ((jacobian @ found.covariance) * jacobian).sum(1)))
     # moments are hidden together: each follows from two coordinates
     is_hidden = (np.abs(slopes) @ found.shown.hidden) > 0.0
     shown_deviation = np.where(is_hidden, math.inf, deviation)
@@ -92,6 +95,7 @@ def dataset_of(
         "gain": np.array([torque.gain for torque in torques]),
         "data": data,
         "model": data - found.residuals * noise,
+        "model_deviation": noise * spread,
         "noise": noise,
     }
     coordinates = {

@@ -77,6 +77,11 @@ MOST_ANSWERS = 4  # printed besides the best: a screen has 24 lines
 class DataOptions(Options):
     """The options of the picture of `fit`."""
 
+    picture: str = option(
+        "data",
+        "kind of picture: data, with the fitted motion and residuals, or corner",
+        metavar="KIND",
+    )
     record: int | None = option(None, "the only record to draw, from 1; by default the first four")
 
 
@@ -336,7 +341,7 @@ fit = Study(
     work=Direct(compute, "True prints what the data show; a function has no effect"),
     table=table,
     variables=VARIABLES,
-    picture="data_and_model",
+    picture="pictures",
     picture_options=DataOptions,
     files={"scene": OutputFile("scenes", "write the fitted scene (.toml)", save_scene)},
     scene_text="a scene, its file, or the name of a shipped scene: the body and its torques, with"
