@@ -36,6 +36,20 @@ def test_the_last_save_changes_at_the_rate_of_its_state(monkeypatch):
         assert np.abs(ds.d_energy.values[1, -1]).max() < 1e-15  # 2.2e-16
 
 
+@compiled
+def test_moments_over_time_change_by_what_the_end_adds():
+    """Of f over a longer T: d mean/dT = (f(T) - mean)/T, d variance/dT = ((f(T) - mean)^2 -
+    variance)/T."""
+    save = "omega", "omega_mean", "omega_variance"
+    scene = SCENE.with_run(t_end=2.0, dt=0.02, every=0.5, members=4, save=save, dtype="float64")
+    ds = rm.simulate(scene, wrt=(END,))
+    mean, variance = ds.omega_mean.values, ds.omega_variance.values
+    off = ds.omega.values[-1] - mean
+    for found, true in (ds.d_omega_mean, off), (ds.d_omega_variance, off**2 - variance):
+        error = np.abs(found.values[0] - true / 2.0)[:, ds.status.values == 0].max()
+        assert error < 1e-12 * np.nanmax(np.abs(true))  # measured 3e-16
+
+
 class Swing(NamedTuple):
     """A torque with a branch-free jump, and explicit in time."""
 

@@ -3,8 +3,9 @@
 import math
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
-from rigidmc.engine.kernel.extrema import SubInterval, may_dip, running_extrema
+from rigidmc.engine.kernel.extrema import SubInterval, cubic_minimum, may_dip, running_extrema
 from rigidmc.engine.kernel.running import first_note, may_change, noted_step
 from rigidmc.physics.observables.nutation import Nutation, Precession
 
@@ -23,6 +24,21 @@ def test_notes_come_first_to_last():
         notes -= note
     assert found == steps
     assert noted_step(first_note(0.0), 32.0) == 0.0
+
+
+def test_the_minimum_of_a_cubic_is_its_own():
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        low, lowest, high = np.sort(rng.normal(size=3))
+        width, scale = rng.uniform(0.5, 2.0), 10.0 ** rng.uniform(-9.0, 9.0)
+        # its slope is 0 at `lowest` alone between the nodes
+        slope = scale * Polynomial.fromroots((lowest, high + width if rng.random() < 0.5 else -9.0))
+        slope = slope if slope.deriv()(lowest) > 0.0 else -slope
+        cubic = slope.integ(k=scale)
+        a, b = ((float(cubic(t)), float(slope(t))) for t in (low, high))
+        place, value = cubic_minimum(a, b, WHOLE._replace(a=float(low), b=float(high)))
+        assert abs(place - lowest) < 1e-12 * (1.0 + abs(lowest))  # measured 6.6e-16
+        assert abs(value - cubic(lowest)) < 1e-12 * abs(np.array((*a, *b))).max()  # 4.6e-16
 
 
 def test_no_step_with_a_mark_is_left_out():

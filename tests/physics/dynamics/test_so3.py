@@ -201,6 +201,9 @@ def test_vectors(a, b):
     one, two, sum4 = (1.0, *a), (2.0, *b), (3.0, *so3.add(a, b))
     assert so3.difference4(one, two) == (-1.0, *so3.difference(a, b))
     assert so3.add4(one, two) == so3.axpy4(one, 1.0, two) == sum4
+    # trailing numbers, of one vector or of both
+    assert so3.axpy((*a, 5.0), 1.0, b) == (*so3.add(a, b), 5.0)
+    assert so3.axpy((*a, 5.0), 2.0, (*b, 1.0)) == (*so3.axpy(a, 2.0, b), 7.0)
 
 
 def test_sums_with_remainders_lose_nothing():
