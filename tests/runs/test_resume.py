@@ -153,7 +153,7 @@ def test_damage_is_found_and_computed_again(whole, tmp_path):
 
 STUDIES = (
     *("sensitivity", "section", "frequencies", "basins", "ftle", "rare", "multilevel"),
-    "lyapunov",
+    *("lyapunov", "fit"),
 )
 
 

@@ -1,7 +1,12 @@
 """What `fit` says and writes: its table, the fitted scene, the pictures, and what it refuses."""
 
+import signal
+import subprocess
+import time
+
 import numpy as np
 import pytest
+import xarray as xr
 
 import rigidmc as rm
 from rigidmc.errors import OptionError, SceneError
@@ -9,7 +14,7 @@ from rigidmc.scene.parameters import with_parameters
 from rigidmc.scene.varied import variables
 from rigidmc.studies.fit.study import in_digits
 from rigidmc.studies.fit.study import table as lines_of
-from tests.tools.commands import invoke
+from tests.tools.commands import COMMAND, invoke
 
 RACKET = {"effects.quadratic_drag.drag": 3e-5}
 FREE = "body.moments,start.omega"
@@ -135,6 +140,25 @@ def test_a_record_of_each_toss_is_one_row():
     assert "750 readings of 5 records" in lines[0]
     assert sum("start.omega" in line for line in lines) == 3 and len(lines) < 24
     assert any(line.startswith("  start.omega.2 (5 records)") for line in lines)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no process can be killed so")
+def test_a_kill_in_the_middle_loses_nothing(tmp_path):
+    """Killed when its first batch of trials is written, or its second while the test looks."""
+    run, words = tmp_path / "run", ("--free", FREE, "--trials", "320", "-o", "run/")
+    command = *COMMAND, "fit", "tennis_racket", "toss", *words
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL)
+    while not list(run.glob("shards/*.nc")):
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.kill()
+    assert process.wait() == -signal.SIGKILL
+    done = {path.name: path.read_bytes() for path in run.glob("shards/*.nc")}
+    assert 1 <= len(done) < 5
+    assert invoke("resume", run).exit_code == 0
+    assert all((run / "shards" / name).read_bytes() == old for name, old in done.items())
+    whole = rm.fit("tennis_racket", "toss", FREE, trials=320, threads=1)
+    xr.testing.assert_identical(rm.fit.of(run), whole)
 
 
 @pytest.mark.parametrize(("scene", "free", "rule"), [

@@ -133,6 +133,11 @@ def kinds_of(members, size, table):
             [*named("heavy_top", ("lyapunov",)), "--members", str(members // 64), "-o"],
             ("lyapunov",),
         ),
+        "fit": Kind(
+            ["fit", "tennis_racket", "toss", "--free", "body.moments,start.omega", "--trials"]
+            + [str(members // 512), "-o"],
+            ("fit",),
+        ),
         "rare": Kind([*named("heavy_top", ("rare",)), *seldom, "-o"], ("rare",)),
         "multilevel": Kind([*named("heavy_top", ("multilevel",)), *noisy, "-o"], ("multilevel",)),
     }

@@ -1,30 +1,27 @@
-"""The answers of a fit: the distinct minima in which its trials end."""
+"""The answers of a fit: the distinct minima in which its trials end.
+
+Trials begin with few readings of the first turns, whose cost has few false minima, and where they
+end begins the fit of a longer part. Source: Pisarenko & Sornette, Phys. Rev. E 69 (2004) 036122.
+"""
 
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rigidmc.runs.prepare import prepare_scene
 from rigidmc.studies.fit.parameters import MOMENTS
-from rigidmc.studies.fit.problem import FitProblem
-from rigidmc.studies.fit.solve import HOPELESS, Solution
-from rigidmc.studies.fit.streams import Array
+from rigidmc.studies.fit.problem import FitProblem, Sums
+from rigidmc.studies.fit.solve import KEPT, Solution, minimise
+from rigidmc.studies.fit.streams import Array, Stream
 
+FIRST, SAMPLES = 64, 128  # saves of the first part, about 16 rad; its readings for many trials
+FAST = 100.0  # growth of a change over a part, from which on the next is longer by 1/4, not 1/2
+HOPELESS = 100.0  # excess of the cost, in variances of a residual: ten standard deviations
 MOST = 20  # answers kept
 ALIKE = 0.01  # of the variance of a residual: a tenth of a standard deviation
 SAME = 1.0  # squared distance, in standard deviations, up to which two minima are one
-
-
-class Answers(NamedTuple):
-    """Distinct minima, the best first.
-
-    trials : the best trial of each;  ends : number of trials that end in each
-    """
-
-    trials: NDArray[np.int64]
-    ends: NDArray[np.int64]
 
 
 def best_of(problem: FitProblem, solution: Solution) -> int:
@@ -67,51 +64,72 @@ def upright(problem: FitProblem, solution: Solution) -> Solution:
     return solution
 
 
-def contenders(problem: FitProblem, solution: Solution) -> NDArray[np.int64]:
-    """Return the trials whose minima are worth finding by the Jacobian itself: the best one of each
-    answer."""
-    cost = solution.sums.cost
-    best = best_of(problem, solution)
-    variance = float(cost[best]) / max(1, problem.residuals - problem.parameters.size)
-    return distinct(problem, solution, best, variance).trials
+def grown(problem: FitProblem, x: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Return (trials that begin the fit of the whole record, number of the x that lead to each)."""
+    total, saves = problem.run.layout.axes.times.size - 1, FIRST
+    ends = np.ones(x.shape[0], np.int64)
+    while (part := part_of(problem, min(saves, total), x.shape[0] > KEPT)) is not problem:
+        solution = upright(part, minimise(part, x, ends))
+        # a part may show too little for a trial to settle
+        solution = solution._replace(is_settled=np.isfinite(solution.sums.cost))
+        x, _, _, ends = merged(part, solution)
+        if saves >= total:
+            break
+        saves += saves // (4 if growth(part, x[0]) > FAST else 2)
+    return x, ends
 
 
-def distinct(problem: FitProblem, solution: Solution, best: int, variance: float) -> Answers:
-    """Return the distinct minima among the trials, the trial `best` first.
+def part_of(problem: FitProblem, saves: int, is_thin: bool) -> FitProblem:
+    """Return the problem of the first saves, with all or some of their readings; or itself, if
+    these are all."""
+    end, streams, is_whole = saves * problem.every, list[Stream](), True
+    for stream in problem.streams:
+        inside = np.count_nonzero(stream.times <= end * (1.0 + 1e-9), axis=1).max()
+        some = slice(0, max(1, inside), max(1, inside // SAMPLES) if is_thin else 1)
+        few = stream._replace(times=stream.times[:, some], values=stream.values[:, some])
+        is_whole &= few.times.shape == stream.times.shape
+        streams.append(few)
+    if is_whole:
+        return problem
+    run = prepare_scene(problem.run.scene.with_run(t_end=end))
+    return FitProblem(run, problem.parameters, streams, problem.threads, problem.loss)
+
+
+def growth(problem: FitProblem, x: Array) -> float:
+    """Return how much more the parameters of the motion change a reading at any time than one in
+    the first tenth of the record."""
+    slopes = np.abs(
+        problem.jacobian(x)[1][:, problem.parameters.index[:, : problem.parameters.moving].ravel()]
+    )
+    times = problem.samples_in_order()[0]
+    early = slopes[times <= 0.1 * times.max()].max(0, initial=0.0)
+    return float((slopes.max(0) / np.where(early > 0.0, early, np.inf)).max())
+
+
+def merged(problem: FitProblem, solution: Solution) -> Solution:
+    """Return the distinct minima among the trials, the best first.
 
     A minimum that contradicts the data does not count. Two trials are one answer if the step
     between them changes the residuals by less than their noise: d^T N d <= variance, to first
     order, or as computed. Steps along what the data do not show change nothing, however long.
-
-    variance : of a weighted residual
     """
-    cost, left = solution.sums.cost, list[int]()
-    order = [int(i) for i in np.argsort(cost) if np.isfinite(cost[i])]
-    order = [best, *(i for i in order if i != best)]
-    ends = list[int]()
-    residuals = cache(lambda i: problem.jacobian(solution.x[i])[0])
-
-    def is_same(i: int, j: int) -> bool:
-        least = SAME * variance
-        if _distance(solution, i, j) <= least:
-            return True
-        return bool(np.sum((residuals(i) - residuals(j)) ** 2) <= least)
-
-    for i in order:
-        if cost[i] > cost[best] + HOPELESS * variance:
+    x, (matrix, _, cost), ends = solution.x, solution.sums, np.zeros_like(solution.ends)
+    best, left = best_of(problem, solution), list[int]()
+    # of a weighted residual
+    variance = float(cost[best]) / max(1, problem.residuals - problem.parameters.size)
+    residuals = cache(lambda i: problem.jacobian(x[i])[0])
+    for i in (best, *(int(i) for i in np.argsort(cost, kind="stable") if i != best)):
+        if not cost[i] <= cost[best] + HOPELESS * variance:
             break
-        for j, trial in enumerate(left):
-            if is_same(i, trial):
-                ends[j] += 1
+        for j in left:
+            step = x[i] - x[j]
+            is_same = step @ matrix[j] @ step <= SAME * variance
+            if is_same or np.sum((residuals(i) - residuals(j)) ** 2) <= SAME * variance:
+                ends[j] += solution.ends[i]
                 break
         else:
             if len(left) < MOST and (solution.is_settled[i] or not left):
                 left.append(i)
-                ends.append(1)
-    return Answers(np.array(left, np.int64), np.array(ends, np.int64))
-
-
-def _distance(solution: Solution, i: int, j: int) -> float:
-    """Return the squared change of the residuals by the step between two trials, to first order."""
-    step: Array = solution.x[i] - solution.x[j]
-    return float(step @ solution.sums.matrix[j] @ step)
+                ends[i] = solution.ends[i]
+    sums = Sums(*(part[left] for part in solution.sums))
+    return Solution(x[left], sums, solution.is_settled[left], ends[left])

@@ -16,7 +16,6 @@ from rigidmc.scene.distributions import common
 from rigidmc.scene.parameters import units_at, with_parameters
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.varied import variables
-from rigidmc.studies.fit.answers import distinct
 from rigidmc.studies.fit.missing import Candidate, Law, covariance_of, laws
 from rigidmc.studies.fit.parameters import MOMENTS, FitParameters
 from rigidmc.studies.fit.problem import FitProblem
@@ -56,19 +55,17 @@ def dataset_of(
     scene: Scene,
     problem: FitProblem,
     solution: Solution,
-    best: int,
     found: Assessment,
     torques: Sequence[Candidate],
     confidence: float,
 ) -> xr.Dataset:
     """Return the Dataset of a fit.
 
-    scene : as the user gives it;  best : the trial of the answer
+    scene : as the user gives it;  solution : the answers, the best first
     found : what its residuals say;  torques : missing ones
     """
-    parameters, cost, x = problem.parameters, solution.sums.cost, solution.x[best]
+    parameters, x = problem.parameters, solution.x[0]
     t, data, noise, names, which = problem.samples_in_order()
-    answers = distinct(problem, solution, best, found.variance)
     allowed = laws(problem, x, found, torques)
     slopes, value = parameters.slopes(x), parameters.values(x)
     covariance = covariance_of(allowed, lambda y: (parameters.values(y), parameters.slopes(y)))
@@ -81,7 +78,7 @@ def dataset_of(
     width = stats.norm.ppf(0.5 + 0.5 * confidence)
     ratio, ratio_deviation = _ratios(parameters, allowed)
     made = {
-        "value": np.stack([parameters.values(solution.x[i]) for i in answers.trials]),
+        "value": np.stack([parameters.values(y) for y in solution.x]),
         "deviation": shown_deviation,
         "low": value - width * shown_deviation,
         "high": value + width * shown_deviation,
@@ -90,8 +87,8 @@ def dataset_of(
         "ratio_deviation": ratio_deviation,
         "jitter": np.array([stream.jitter.size for stream in problem.streams]),
         "jitter_deviation": np.array([stream.jitter.deviation for stream in problem.streams]),
-        "cost": cost[answers.trials],
-        "ends": answers.ends,
+        "cost": solution.sums.cost,
+        "ends": solution.ends,
         "gain": np.array([torque.gain for torque in torques]),
         "data": data,
         "model": data - found.residuals * noise,
@@ -121,8 +118,6 @@ def dataset_of(
         "lasting_gain": found.error.gain,
         "unseen": "\n".join(in_words(parameters, x, found.shown)),
         "residuals": found.residuals.size,
-        "trials": solution.x.shape[0],
-        "settled": int(solution.is_settled.sum()),
         "confidence": confidence,
         "fitted": fitted_scene(scene, problem, value, covariance).dumps(),
     }

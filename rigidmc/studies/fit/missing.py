@@ -122,7 +122,7 @@ def candidates(
         name = f"effects.{name_of(unit)}.{field}"
         larger = make(wider, (name,))
         # Also from new guesses: without its torque, the best answer may lie where no body can.
-        trials = make_starts(larger.parameters, larger.streams, TRIALS, scene.run.seed)
+        trials = make_starts(larger, TRIALS, scene.run.seed)
         for i, size in enumerate(SIZES):
             first = np.array(getattr(unit, field)) * size
             trials[-1 - i] = _moved(problem, x, larger, {name: first})

@@ -66,7 +66,7 @@ def make_problem(
         if name not in nominal:
             raise unknown("free parameter", nominal, at="each", value=name, error=OptionError)
     shared = [name for name in nominal if not name.startswith("start.") and name not in own]
-    streams = streams or _streams(run, records, _read_noise(run, noise), nuisances, loss)
+    streams = streams or _streams(run, records, read_noise(run, noise), nuisances, loss)
     parameters = FitParameters(nominal, shared, streams, len(records), _limits(run.scene, nominal))
     return FitProblem(run, parameters, streams, threads, loss)
 
@@ -175,7 +175,7 @@ def _nuisances(names: Sequence[str], kinds: Mapping[str, int]) -> dict[str, tupl
     return {name: tuple(words) for name, words in each.items()}
 
 
-def _read_noise(run: PreparedRun, noise: Any) -> dict[str, float]:
+def read_noise(run: PreparedRun, noise: Any) -> dict[str, float]:
     """Return {observable: its noise in SI units}; OptionError."""
     if noise is None:
         return {}

@@ -17,8 +17,10 @@ from rigidmc.studies.fit.streams import Array
 
 LONGEST = 1.0  # of a step of ln J: trial bodies change by a factor e at most
 GAIN = 1e-3  # a step of less changes nothing that the data can tell
-HOPELESS = 100.0  # excess of the cost, in variances of a residual: ten standard deviations
-EARLIEST = 10  # iterations before a slow trial is left
+ROUND, KEPT = (
+    4,
+    128,
+)  # each 4 iterations, the worse half of the trials rests, but never the best 128
 MOST_DAMPED = 1e8  # no step of this damping has an effect: the trial rests
 
 
@@ -27,27 +29,34 @@ class Solution(NamedTuple):
 
     x : coordinates (trials, size);  sums : there
     is_settled : whether the cost of a trial no longer falls
-    iterations : runs of the members
+    ends : number of first guesses that end there
     """
 
     x: Array
     sums: Sums
     is_settled: NDArray[np.bool_]
-    iterations: int
+    ends: NDArray[np.int64]
 
 
-def minimise(problem: FitProblem, x: Array, most: int = 60) -> Solution:
+def minimise(
+    problem: FitProblem, x: Array, ends: NDArray[np.int64] | None = None, most: int = 60
+) -> Solution:
     """Lower the cost of trials x (trials, size) until a step gains less than GAIN of the variance
-    of a residual. most : iterations"""
+    of a residual. ends : as in Solution, 1 each by default;  most : iterations"""
     accuracy = GAIN / max(1, problem.residuals)
     x, damping = np.array(x), np.full(x.shape[0], 1e-3)
     # copies, because they change below
     sums = problem.sums(x)
     matrix, gradient, cost = sums
-    moves, iterations, pace = np.isfinite(cost), 1, np.zeros(cost.size)
-    rests = np.zeros(cost.size, bool)
-    while moves.any() and iterations < most:
+    moves, rests = np.isfinite(cost), np.zeros(cost.size, bool)
+    for iteration in range(1, most):
         some = np.flatnonzero(moves)
+        if iteration % ROUND == 0 and some.size > KEPT:
+            some = np.sort(some[np.argsort(cost[some], kind="stable")[: max(KEPT, some.size // 2)]])
+            moves[:] = False
+            moves[some] = True
+        if not some.size:
+            break
         step, expected = damped_steps(matrix[some], gradient[some], damping[some])
         ln_moments = slice(0, problem.parameters.mixed)
         longest = np.abs(step[:, ln_moments]).max(1, initial=0.0)
@@ -55,7 +64,6 @@ def minimise(problem: FitProblem, x: Array, most: int = 60) -> Solution:
         # A drag below 0 would drive the body: a step ends at the limit of a parameter.
         trial = np.clip(x[some] + step, problem.parameters.low, problem.parameters.high)
         tried = problem.sums(trial)
-        iterations += 1
         gain = cost[some] - tried.cost
         better = gain > 0.0
         took = some[better]
@@ -67,14 +75,10 @@ def minimise(problem: FitProblem, x: Array, most: int = 60) -> Solution:
         damping[some] = np.maximum(1e-12, damping[some] * factor)
         small = np.where(better, gain, expected) <= accuracy * cost[some]
         cost[took] = tried.cost[better]
-        # A trial that at twice its pace cannot come near the best one any more rests too.
-        pace[some] = np.where(better, gain, 0.3 * pace[some])
-        least = cost.min()
-        ahead = cost[some] - least - HOPELESS * least / max(1, problem.residuals)
-        slow = 2.0 * pace[some] * (most - iterations) < ahead
         rests[some] = small | (damping[some] > MOST_DAMPED)
-        moves[some[rests[some] | (slow & (iterations > EARLIEST))]] = False
-    return Solution(x, Sums(matrix, gradient, cost), rests & np.isfinite(cost), iterations)
+        moves[some] = ~rests[some]
+    ends = np.ones(cost.size, np.int64) if ends is None else ends
+    return Solution(x, Sums(matrix, gradient, cost), rests & np.isfinite(cost), ends)
 
 
 def damped_steps(matrix: Array, gradient: Array, damping: Array) -> tuple[Array, Array]:
@@ -94,11 +98,11 @@ def damped_steps(matrix: Array, gradient: Array, damping: Array) -> tuple[Array,
     return step / unit, expected
 
 
-def polish(problem: FitProblem, solution: Solution, some: NDArray[np.int64]) -> Solution:
-    """Move some trials to their minima by the Jacobian itself, by trust regions."""
+def polish(problem: FitProblem, solution: Solution) -> Solution:
+    """Move trials to their minima by the Jacobian itself, by trust regions."""
     x, cost = np.array(solution.x), np.array(solution.sums.cost)
     low, high = problem.parameters.low, problem.parameters.high
-    for i in some:
+    for i in range(cost.size):
         known: dict[bytes, tuple[Array, Array]] = {}
 
         def at(y: Array, known: dict[bytes, tuple[Array, Array]] = known) -> tuple[Array, Array]:

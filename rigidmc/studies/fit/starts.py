@@ -16,37 +16,55 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rigidmc.studies.fit.parameters import MOMENTS, FitParameters
+from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.streams import Array, Stream
 
+DRAWN = 64  # trials that are drawn together
 WINDOWS = 6  # of a record: each balance averages the noise of a sixth of its samples
 DAMPING = (0.0, 0.03, 0.1, 0.2, 0.4)  # rates tried, in units of 1/(length of a record)
 MEASURED = 0.02  # relative spread of a start that is measured
 SPREAD = 1.0  # standard deviation of ln J and of the logarithm of positive numbers
 
 
-def make_starts(
-    parameters: FitParameters, streams: tuple[Stream, ...], count: int, seed: int
-) -> Array:
-    """Return trials (count, size): the best guess first, then random ones around it.
+def make_starts(problem: FitProblem, count: int, seed: int, first: int = 0) -> Array:
+    """Return trials (count, size), from that of number `first` on, a multiple of DRAWN: the best
+    guess is number 0, all others are random around it.
 
     Random trials come in scales from near to far, so few trials find a near minimum and many find
-    all.
+    all. Every fourth begins around the user's body, because a rotor or a torque breaks the balance;
+    every fourth with a sensor of any attitude, if its alignment is free.
     """
-    known = guess(parameters, streams)
+    parameters, streams = problem.parameters, problem.streams
+    known, read = (guess(parameters, streams, balanced) for balanced in (True, False))
     best = parameters.coordinates(known)
-    random = np.random.default_rng(np.random.Philox(key=seed))
-    scale = 10.0 ** random.uniform(-2.0, 0.0, (count, 1))
-    x = best + scale * random.standard_normal((count, best.size)) * spreads(parameters, best, known)
-    x[0] = best
-    # A rotor or a torque breaks the balance: every fourth trial begins around the user's body.
-    own = parameters.coordinates(guess(parameters, streams, balanced=False))
-    x[1::4] += own - best
-    return np.clip(x, parameters.low, parameters.high)
+    spread, x, turns = spreads(problem, best, known), list[Array](), list[Rotation]()
+    for number in range(first, first + count, DRAWN):
+        random = np.random.default_rng(np.random.Philox(key=[seed, number]))
+        scale = 10.0 ** random.uniform(-2.0, 0.0, (DRAWN, 1))
+        x.append(best + scale * random.standard_normal((DRAWN, best.size)) * spread)
+        turns.append(Rotation.random(DRAWN // 4, random))
+    trials, turn = np.concatenate(x), Rotation.concatenate(turns)
+    if first == 0:
+        trials[0] = best
+    trials[1::4] += parameters.coordinates(read) - best
+    turned = [c for c in parameters.columns if c.word == "alignment"]
+    for column in turned:
+        trials[2::4, parameters.index[0, column.columns]] = turn.as_rotvec()
+    for name in {"start.omega", "start.momentum"} & set(read) if turned else ():
+        for places, value in zip(parameters.places_of(name), read[name], strict=True):
+            trials[2::4, places] = turn.inv().apply(value)
+    return np.clip(trials[:count], parameters.low, parameters.high)
 
 
-def spreads(parameters: FitParameters, x: Array, known: Mapping[str, Array]) -> Array:
-    """Return the largest standard deviations of random trials about x; known : measured values"""
-    spread = np.zeros_like(x)
+def spreads(problem: FitProblem, x: Array, known: Mapping[str, Array]) -> Array:
+    """Return the largest standard deviations of random trials about x; known : measured values
+
+    That of an unknown number of 0 changes the residuals by as much as there is to explain.
+    """
+    parameters, spread = problem.parameters, np.zeros_like(x)
+    (matrix,), _, (cost,) = problem.sums(x[None])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        alone = np.nan_to_num(np.sqrt(cost / np.diag(matrix)), posinf=0.0)
     for column in parameters.columns:
         for places in parameters.index[:, column.columns]:
             if column.name == MOMENTS:
@@ -56,12 +74,12 @@ def spreads(parameters: FitParameters, x: Array, known: Mapping[str, Array]) -> 
             elif column.stream < 0:
                 largest = np.abs(x[places]).max()
                 share = MEASURED if column.name in known else 0.5
-                spread[places] = share * largest if largest else 0.1
+                spread[places] = share * largest if largest else alone[places]
     return spread
 
 
 def guess(
-    parameters: FitParameters, streams: tuple[Stream, ...], balanced: bool = True
+    parameters: FitParameters, streams: tuple[Stream, ...], balanced: bool
 ) -> dict[str, Array]:
     """Return the parameters that the data show without a fit: {name: values}.
 

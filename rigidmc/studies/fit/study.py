@@ -37,8 +37,7 @@ A racket tossed with a phone. Rates show ratios of moments, as long as no torque
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -48,17 +47,18 @@ from numpy.typing import NDArray
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError, unknown
 from rigidmc.files.outputs import Path, write_bytes
-from rigidmc.processes.progress import say
 from rigidmc.results.labels import count_text, units_text
+from rigidmc.runs.directory.tasks import Request, TaskArrays
+from rigidmc.runs.prepare import PreparedRun
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.fit.answers import best_of, contenders, upright
+from rigidmc.studies.fit.answers import best_of, grown, merged, upright
 from rigidmc.studies.fit.dataset import AXES, VARIABLES, dataset_of
 from rigidmc.studies.fit.missing import candidates
 from rigidmc.studies.fit.problem import LOSSES, FitProblem
-from rigidmc.studies.fit.records import read_columns_option
-from rigidmc.studies.fit.setup import make_problem, records_of
+from rigidmc.studies.fit.records import Record, read_columns_option
+from rigidmc.studies.fit.setup import make_problem, read_noise, records_of
 from rigidmc.studies.fit.solve import Solution, minimise, polish
-from rigidmc.studies.fit.starts import make_starts
+from rigidmc.studies.fit.starts import DRAWN, make_starts
 from rigidmc.studies.fit.streams import NUISANCES, Array, Stream
 from rigidmc.studies.fit.suspicions import examine
 from rigidmc.studies.fit.uncertainty import SEEN, assess
@@ -66,11 +66,12 @@ from rigidmc.studies.fit.visible import in_words, seen
 from rigidmc.studies.framework.members import refuse_noise
 from rigidmc.studies.framework.options import Names, Options, Words, confidence_option, option
 from rigidmc.studies.framework.study import Example, OutputFile, Study
-from rigidmc.studies.framework.work import Direct
+from rigidmc.studies.framework.tasks import Tasks
 
 MOST_FINER = 64  # steps, times that of the rates: a nutation is 64 times as fast as they
 MOST_REFINED = 6  # fits, each with the noise and jitter that the one before shows
 RESOLVED = 0.1  # of the noise: it changes no parameter by more than a tenth of its deviation
+MOST_DRAWN = 16  # times DRAWN, trials of a task: more cost no less each
 MOST_ANSWERS = 4  # printed besides the best: a screen has 24 lines
 
 
@@ -122,11 +123,13 @@ class FitOptions(Options):
         type=Words,
         is_argument=True,
         kind="path_like or table",
+        is_new=True,
     )
     free: Names | None = option(
         None,
         "parameters to fit, e.g. body.moments,start.omega,effects.gravity.g",
         missing="is missing: the parameters to fit, e.g. body.moments,start.omega",
+        is_new=True,
     )
     columns: Any = option(
         None,
@@ -135,17 +138,21 @@ class FitOptions(Options):
         type=Words,
         reader=read_columns_option,
         kind="mapping or str",
+        is_new=True,
     )
-    time: str | None = option(None, "column of the times, NAME or NAME:UNIT")
+    time: str | None = option(None, "column of the times, NAME or NAME:UNIT", is_new=True)
     rate: float | None = option(
-        None, "samples a second, of a table without times", above=0.0, unit="1/s"
+        None, "samples a second, of a table without times", above=0.0, unit="1/s", is_new=True
     )
-    split: str | None = option(None, "column whose values are separate records of the body")
+    split: str | None = option(
+        None, "column whose values are separate records of the body", is_new=True
+    )
     between: Words | None = option(
         None,
         "interval of times that is a record, e.g. 0.9:1.4",
         metavar="FROM:TO",
         reader=read_intervals,
+        is_new=True,
     )
     noise: Any = option(
         None,
@@ -154,15 +161,24 @@ class FitOptions(Options):
         type=Words,
         reader=lambda value, name: value,
         kind="mapping or str",
+        is_new=True,
     )
     nuisances: Names | None = option(
-        None, f"unknown properties of the sensors, of {', '.join(NUISANCES)}", metavar="NAME,..."
+        None,
+        f"unknown properties of the sensors, of {', '.join(NUISANCES)}",
+        metavar="NAME,...",
+        is_new=True,
     )
     loss: str = option(
-        "linear", "cost of outliers: squares (linear), or less (huber, cauchy)", reader=read_loss
+        "linear",
+        "cost of outliers: squares (linear, by default), or less (huber, cauchy)",
+        reader=read_loss,
+        is_new=True,
     )
-    each: Names | None = option(None, "free parameters that differ between records, beside [start]")
-    trials: int = option(100, "first guesses from which the fit begins")
+    each: Names | None = option(
+        None, "free parameters that differ between records, beside [start]", is_new=True
+    )
+    trials: int = option(100, "first guesses; by default 100", is_new=True)
     confidence: float = confidence_option("confidence of the intervals")
 
 
@@ -175,66 +191,134 @@ def is_resolved(problem: FitProblem, finer: FitProblem, x: Array) -> bool:
     return not np.std(change) > allowed  # nan if the motion is flagged: no step helps
 
 
-def solve_finely(
-    problem: FitProblem, make: Callable[[int], FitProblem], x: Array
-) -> tuple[FitProblem, Solution, int, int]:
-    """Return (problem, where the trials x end, the best of them, divisor of the step) with steps of
-    which the halves give the same residuals: a rotor or a spring moves a body faster than its rates
+def solve_finely(make: Callable[[int], FitProblem], x: Array) -> tuple[Solution, int]:
+    """Return (where trials x end, divisor of the step) with steps of which the halves give the same
+    residuals at x[0] and at the best end: a rotor or a spring moves a body faster than its rates
     show.
 
     make : divisor -> the problem with steps divided by it
     """
     finer, at = 1, x[0]
     while True:
-        half = make(2 * finer)
-        if 2 * finer <= MOST_FINER and not is_resolved(problem, half, at):
-            problem, finer = half, 2 * finer
-            continue
-        solution = upright(problem, minimise(problem, x))
-        solution = polish(problem, solution, contenders(problem, solution))
-        best = best_of(problem, solution)
-        at = solution.x[best]
+        problem, half = make(finer), make(2 * finer)
         if finer >= MOST_FINER or is_resolved(problem, half, at):
-            return problem, solution, best, finer
+            solution = upright(problem, minimise(problem, *grown(problem, x)))
+            at = solution.x[best_of(problem, solution)]
+            if finer >= MOST_FINER or is_resolved(problem, half, at):
+                return solution, finer
+        finer *= 2
 
 
-def compute(scene: Scene, options: FitOptions, threads: int | None, progress: Any) -> xr.Dataset:
-    """Return the Dataset of the study."""
+def start(
+    scene: Scene, options: FitOptions, settings: Mapping[str, Any]
+) -> tuple[Scene, dict[str, Any]]:
+    """Return (the scene, the request: the readings, and what is fitted to them)."""
     refuse_noise(scene.effects)
-    columns, threads = options.columns or {}, threads or threads_available()
-    intervals: Any = options.between or ()
-    source = options.data, columns, options.time, options.split, intervals, options.rate
-    records, notes = examine(scene, records_of(scene, *source), options.nuisances or ())
-    for line in notes if progress else ():
-        say(line)
+    where: Any = options.between or ()
+    source = options.data, options.columns or {}, options.time, options.split, where, options.rate
+    readings = records_of(scene, *source)
+    records, notes = examine(scene, readings, options.nuisances or ())
+    batch = DRAWN * min(max(options.trials // (4 * DRAWN), 1), MOST_DRAWN)
+    request: dict[str, Any] = {"trials": options.trials, "batch": batch, "loss": options.loss}
+    for name in ("free", "each", "nuisances"):
+        request[name] = list(getattr(options, name) or ())
+    problem = problem_of(scene, {**request, "noise": options.noise}, records, 1)
+    request |= {"notes": notes, "noise": read_noise(problem.run, options.noise)}
+    request["records"] = [
+        [one.name, *({n: x.tolist() for n, x in part.items()} for part in one[1:3])]
+        for one in records
+    ]
+    return scene, request
 
-    def make(moved: Scene, more: Sequence[str] = (), finer: int = 1) -> FitProblem:
-        free, own = (*(options.free or ()), *more), options.each or ()
-        nuisances = options.nuisances or ()
-        return make_problem(
-            moved, free, own, records, options.noise, nuisances, threads, finer, options.loss,
-            streams,
-        )  # fmt: skip
 
+def records_of_request(request: Request) -> list[Record]:
+    """Return the records of a request."""
+
+    def arrays(part: Mapping[str, Any]) -> dict[str, Array]:
+        return {name: np.array(x) for name, x in part.items()}
+
+    return [Record(name, arrays(t), arrays(values)) for name, t, values in request["records"]]
+
+
+def problem_of(
+    scene: Scene, request: Request, records: Sequence[Record], threads: int,
+    more: Sequence[str] = (), finer: int = 1, streams: tuple[Stream, ...] = (),
+) -> FitProblem:  # fmt: skip
+    """Return the problem of a request. more : names of further free parameters"""
+    free, own, noise, nuisances, loss = (
+        request[name] for name in ("free", "each", "noise", "nuisances", "loss")
+    )
+    return make_problem(
+        scene, (*free, *more), own, records, noise, nuisances, threads, finer, loss, streams
+    )
+
+
+def solve_batches(
+    run: PreparedRun, request: Request, numbers: Sequence[int], threads: int, device: str | None
+) -> list[TaskArrays]:
+    """Return where the trials of some batches end."""
+    if device not in (None, "cpu"):
+        raise OptionError("fits are computed on the CPU", at="device", value=device)
+    records, found = records_of_request(request), []
+
+    def make(finer: int) -> FitProblem:
+        return problem_of(run.scene, request, records, threads, finer=finer)
+
+    for first in (number * request["batch"] for number in numbers):
+        count = min(request["batch"], request["trials"] - first)
+        x = make_starts(make(1), count, run.scene.run.seed, first)
+        (x, _, is_settled, ends), finer = solve_finely(make, x)
+        one = {"x": x, "is_settled": is_settled * 1, "ends": ends, "finer": np.array([finer])}
+        found.append(one)
+    return found
+
+
+def reduce(
+    run: PreparedRun, request: Request, done: dict[int, TaskArrays], options: FitOptions
+) -> xr.Dataset:
+    """Return the Dataset of the ends of the trials."""
+    scene, records = run.scene, records_of_request(request)
+    finer = max(int(batch["finer"][0]) for batch in done.values())
+    x, is_settled, ends = (
+        np.concatenate([done[i][name] for i in sorted(done)])
+        for name in ("x", "is_settled", "ends")
+    )
     streams: tuple[Stream, ...] = ()
+
+    def make(moved: Scene, more: Sequence[str] = ()) -> FitProblem:
+        return problem_of(moved, request, records, threads_available(), more, finer, streams)
+
     problem = make(scene)
-    x = make_starts(problem.parameters, problem.streams, options.trials, scene.run.seed)
-    if progress:
-        first = seen(problem.sums(x[:1]).matrix[0])
-        for line in in_words(problem.parameters, x[0], first):
-            say(line)
+    solution = merged(problem, Solution(x, problem.sums(x), is_settled > 0, ends))
     for more in reversed(range(MOST_REFINED)):
-        problem, solution, best, finer = solve_finely(problem, lambda n: make(scene, finer=n), x)
-        at, x = solution.x[best], solution.x
-        newer = problem.refined(at) if more else ()
+        solution = merged(problem, polish(problem, solution))
+        newer = problem.refined(solution.x[0]) if more else ()
         if not newer:
             break
         streams = newer
         problem = make(scene)
-    found, cost = assess(problem, at), float(solution.sums.cost[best])
-    torques = candidates(scene, problem, at, cost, partial(make, finer=finer), found.error.is_seen)
-    made = dataset_of(scene, problem, solution, best, found, torques, options.confidence)
-    return made.assign_attrs(notes="\n".join(notes))
+        solution = minimise(problem, solution.x, solution.ends)
+    at, cost = solution.x[0], float(solution.sums.cost[0])
+    found = assess(problem, at)
+    torques = candidates(scene, problem, at, cost, make, found.error.is_seen)
+    made = dataset_of(scene, problem, solution, found, torques, options.confidence)
+    trials = {"trials": request["trials"], "settled": int(ends[is_settled > 0].sum())}
+    return made.assign_attrs(notes="\n".join(request["notes"]), **trials)
+
+
+class Fits(Tasks):
+    """The work of a fit: tasks that are batches of trials."""
+
+    def price(
+        self, run: PreparedRun, request: Request, numbers: Sequence[int], threads: int,
+        device: str | None = None,
+    ) -> str:  # fmt: skip
+        """Return what the readings show before any fit, as text."""
+        problem = problem_of(run.scene, request, records_of_request(request), threads)
+        x = make_starts(problem, 1, run.scene.run.seed)
+        shown = seen(problem.sums(x).matrix[0])
+        first = f"{count_text(request['trials'], 'trial')}, {problem.residuals:,} readings"
+        return "\n".join([first, *request["notes"], *in_words(problem.parameters, x[0], shown)])
 
 
 def table(study: xr.Dataset) -> list[str]:
@@ -338,7 +422,17 @@ fit = Study(
     name="fit",
     text=__doc__,
     options=FitOptions,
-    work=Direct(compute, "True prints what the data show; a function has no effect"),
+    work=Fits(
+        start,
+        lambda run, request, done: [
+            i for i in range(-(-request["trials"] // request["batch"])) if i not in done
+        ],
+        solve_batches,
+        lambda run, request, numbers: 0.0,
+        reduce,
+    ),
+    settings=("seed",),
+    source="the run directory of an existing study",
     table=table,
     variables=VARIABLES,
     picture="pictures",
@@ -348,7 +442,7 @@ fit = Study(
     " first guesses of the free parameters",
     example=Example(
         "tennis_racket",
-        {"data": "toss", "free": "body.moments,start.omega", "trials": 40, "nuisances": "bias"},
+        {"data": "toss", "free": "body.moments,start.omega", "trials": 70, "nuisances": "bias"},
         {},
     ),
 )
