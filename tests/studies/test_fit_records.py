@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -13,8 +14,12 @@ import rigidmc as rm
 from rigidmc.cli.app import app
 from rigidmc.errors import OptionError, RigidmcError
 from rigidmc.studies.fit.records import Record, read_columns_option, read_records
+from rigidmc.studies.fit.setup import make_problem, records_of
+from rigidmc.studies.fit.solve import minimise
+from rigidmc.studies.fit.starts import make_starts
 from rigidmc.studies.fit.streams import VECTOR, Stream, high_frequency_noise
 from rigidmc.studies.fit.suspicions import FACTORS, examine
+from rigidmc.studies.fit.visible import seen
 
 UNITS = {"omega": "rad s-1", "attitude": "1"}
 SIZES = {"omega": 3, "attitude": 4}
@@ -381,3 +386,43 @@ def test_notes_come_with_the_study(tmp_path, capsys):
     assert "omega[1] reads 0 at all times" in study.attrs["notes"]
     study.to_netcdf(tmp_path / "fit.nc")
     assert "reads 0 at all times" in str(xr.open_dataset(tmp_path / "fit.nc").attrs["notes"])
+
+
+@pytest.fixture(scope="module")
+def thrown():
+    """Times, rates and momenta of a wheel in the axes of a tilted sensor, by SciPy; its moments."""
+    moments, t = np.array([3.0, 5.0, 6.0]), np.arange(0.0, 3.0, 0.02)
+
+    def wheel(t):
+        return TILT.T @ [0.0, 0.0, 4.0 - 3.0 * t]
+
+    def rate(t, w):
+        torque = np.cross(moments * w + wheel(t), w) + TILT.T @ [0.0, 0.0, 3.0]
+        return torque / moments
+
+    found = solve_ivp(rate, (0.0, 3.0), [1.0, -2.0, 0.5], "DOP853", t, rtol=1e-12, atol=1e-12)
+    return t, found.y.T @ TILT.T, 4.0 - 3.0 * t, moments
+
+
+@pytest.mark.parametrize("is_later", [False, True])
+def test_a_measured_wheel_shows_the_whole_tensor(thrown, is_later):
+    t, w, momentum, moments = thrown
+    table = {"t": t, **dict(zip(("wx", "wy", "wz"), w.T, strict=True)), "spin": momentum / 0.02}
+    if is_later:  # a second record, which begins in the middle
+        table = {k: np.concatenate([x, x[60:]]) for k, x in table.items()}
+        table["toss"] = np.repeat([0, 1], [t.size, t.size - 60])
+    scene = rm.Scene(rm.Body((4.0, 5.0, 7.0)), (), rm.Start(omega=(0.0, -1.0, 0.0)))
+    columns = read_columns_option("wheel=0,0,2e-2*spin", "columns")
+    records = records_of(scene, table, columns, None, "toss" if is_later else None, ())
+    free = "body.moments", "start.omega"
+    problem = make_problem(scene, free, (), records, None, ("alignment",), 1)
+    trials = make_starts(problem, 8, 1)
+    solution = minimise(problem, trials)
+    x = solution.x[np.argmin(solution.sums.cost)]
+    names = dict(zip(problem.parameters.names, problem.parameters.values(x), strict=True))
+    assert len(names) == 3 + 3 * len(records) + 3
+    assert not seen(problem.sums(x[None]).matrix[0]).unseen.size
+    turn = Rotation.from_rotvec([names[f"omega.alignment.{i}"] for i in (1, 2, 3)]).as_matrix()
+    tensor = (turn * [names[f"body.moments.{i}"] for i in (1, 2, 3)]) @ turn.T
+    # measured: 2e-7
+    np.testing.assert_allclose(tensor, (TILT * moments) @ TILT.T, atol=1e-5)

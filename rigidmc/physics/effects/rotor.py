@@ -4,8 +4,19 @@ import math
 from typing import NamedTuple
 
 from rigidmc.physics.dynamics.euler import angular_velocity
-from rigidmc.physics.dynamics.so3 import axpy, cross, root, rotated, select
+from rigidmc.physics.dynamics.so3 import (
+    axpy,
+    cross,
+    exponential,
+    into_body,
+    root,
+    rotated,
+    scale,
+    select,
+)
 from rigidmc.physics.effects.protocol import Vector, effect
+
+PIECES = 48  # of a measured wheel: one that starts and stops in .4 s is off by .4 % of its speed
 
 
 @effect(
@@ -69,3 +80,37 @@ class Rotor(NamedTuple):
         )
         # where 1/I1 is 0, x is 0 and the quotient is 0 whatever the divisor
         return axpy((x / select(one > 0.0, one, 1.0), y / two, z / three), -0.5 * h, self.motor)
+
+
+@effect(
+    units={"momenta": "kg m2 s-1", "turn": "rad"},
+    shapes={"momenta": PIECES + 1, "times": PIECES, "axis": 3, "turn": 3},
+    limits=dict.fromkeys(("momenta", "times", "axis", "turn"), (-math.inf, math.inf)),
+    switches=("times",),
+    in_body=(),
+)
+class MeasuredWheel(NamedTuple):
+    """A rotor with a momentum H(t) of straight pieces, along an axis of a sensor::
+
+        tau = h x omega - dh/dt,   h = H(t) R^T axis
+
+    momenta : H at the begin of each piece, and at the end;  times : begins of the pieces
+    turn : rotation vector of R, from body axes to axes of the sensor
+    """
+
+    momenta: Vector
+    times: Vector
+    axis: Vector
+    turn: Vector = (0.0, 0.0, 0.0)
+
+    def torque(self, body, t, l):
+        begin, first, change = 0.0, 0.0, 0.0
+        for i in range(48):  # PIECES: loops of compiled code count to a number
+            is_later = t >= self.times[i]
+            begin = select(is_later, self.times[i], begin)
+            first = select(is_later, self.momenta[i], first)
+            change = select(is_later, self.momenta[i + 1] - self.momenta[i], change)
+        rate = change / (self.times[1] - self.times[0])
+        axis = into_body(exponential(self.turn), self.axis)
+        wheel = scale(first + rate * (t - begin), axis)
+        return axpy(cross(wheel, angular_velocity(body, l)), -rate, axis)

@@ -52,7 +52,7 @@ def upright(problem: FitProblem, solution: Solution) -> Solution:
                 x[:, places] = (Rotation.from_rotvec(x[:, places]) * group[which]).as_rotvec()
             elif column.name == MOMENTS:
                 x[:, places] = np.einsum("tji,tj->ti", np.abs(turn), x[:, places])
-            elif column.stream < 0 and column.size == 3:
+            elif column.stream < 0 and column.size == 3 and column.name not in parameters.tied:
                 x[:, places] = np.einsum("tji,tj->ti", turn, x[:, places])
     some = np.flatnonzero((x != solution.x).any(1) & np.isfinite(solution.sums.cost))
     if not some.size:

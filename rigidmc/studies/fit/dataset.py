@@ -185,7 +185,7 @@ def fitted_scene(scene: Scene, problem: FitProblem, value: Array, covariance: Ar
     """Return the scene with the fitted numbers of its first record, drawn with their covariance."""
     parameters, model = problem.parameters, scene.model
     known = variables(problem.run.scene.model)
-    columns = [column for column in parameters.columns if column.stream < 0]
+    columns = [c for c in parameters.columns if c.stream < 0 and c.name not in parameters.tied]
     # in the order of the scene, by which studies name what numbers have in common
     columns.sort(key=lambda column: list(known).index(column.name))
     places = np.concatenate([parameters.index[0, column.columns] for column in columns])

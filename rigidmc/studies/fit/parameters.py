@@ -59,10 +59,15 @@ class FitParameters:
         streams: Sequence[Stream],
         records: int,
         limits: Mapping[str, tuple[float, float]] = {},
+        tied: Mapping[str, str] = {},
+        inputs: Mapping[str, Array] = {},
     ) -> None:
         """nominal : {parameter of the scene: its value};  shared : what all records have in common
         limits : {parameter of the scene: least and largest value of its components}
+        tied : {parameter of the scene: the nuisance with which it is one}
+        inputs : {parameter of the scene: its known value in each record, (records, size)}
         """
+        self.tied, self.inputs = tied, inputs
         self.nominal = {name: np.atleast_1d(np.asarray(x, float)) for name, x in nominal.items()}
         self.is_vector = {name: np.ndim(x) == 1 for name, x in nominal.items()}
         columns: list[Column] = []
@@ -89,13 +94,19 @@ class FitParameters:
     def _places(self, size: int) -> tuple[NDArray[np.int64], list[str]]:
         """Return `index` and `names`."""
         index, names = np.empty((self.records, size), np.int64), list[str]()
+        tied = dict[str, NDArray[np.int64]]()
         for column in self.columns:
             for record in range(self.records):
-                if record == 0 or not column.is_shared:
+                name = self.tied.get(column.name, column.name)
+                if name in tied:
+                    place = tied[name]
+                elif record == 0 or not column.is_shared:
                     place = len(names) + np.arange(column.size)
                     mark = "" if column.is_shared or self.records == 1 else f"[{record + 1}]"
                     each = [f".{k + 1}" for k in range(column.size)] if column.size > 1 else [""]
-                    names += [f"{column.name}{mark}{word}" for word in each]
+                    names += [f"{name}{mark}{word}" for word in each]
+                    if column.name in self.tied:
+                        tied[name] = place
                 index[record, column.columns] = place
         return index, names
 
@@ -133,7 +144,9 @@ class FitParameters:
         """Return {parameter of the scene: values of each member, or their columns} of trials
         (trials, size); members are the records of the first trial, then of the next."""
         rows = x[:, self.index].reshape(-1, self.index.shape[1])
-        values = {}
+        values: dict[str, Any] = {
+            k: tuple(np.tile(y, (len(x), 1)).T) for k, y in self.inputs.items()
+        }
         for column in self.columns:
             if column.stream < 0:
                 part = rows[:, column.columns]
@@ -165,6 +178,11 @@ class FitParameters:
                 turns[:, column.columns, column.columns] = block
             elif column.word == "offset":
                 turns[:, column.columns, column.columns] = 1.0 / every
+            elif column.name in self.tied:
+                (one,) = (c.columns for c in self.columns if c.name == self.tied[column.name])
+                # as both have one place, where the later column counts
+                turns[:, column.columns, one] = turns[:, column.columns, column.columns]
+                turns[:, column.columns, column.columns] = 0.0
         return turns
 
     def values(self, x: Array) -> Array:

@@ -21,6 +21,7 @@ from rigidmc.scene.toml.columns import read_text_columns
 from rigidmc.studies.fit.streams import Array
 
 SHIPPED = ("toss",)  # records beside this file, by name: a racket tossed with a phone, simulated
+WHEEL = "wheel"  # name of the momentum of a rotor among observables: a known input, not fitted
 TIMES = ("t", "seconds_elapsed", "time", "timestamp", "date", "utc", "datetime")  # by rank
 EPOCH = 1e11  # a time since 1970 in seconds is below this until the year 5138
 RATES = 1.02  # ratio of rates, stated and of the times, that may be rounding
@@ -33,6 +34,7 @@ _RATES = (
     re.compile(r"[gw]([xyz123])"),
     re.compile(r"([xyz])"),
 )
+_FACTOR = re.compile(r"(-?)(?:(\d[\d.]*(?:[eE][-+]?\d+)?)(?:\*|$))?(.*)")
 _OTHER = re.compile(r"(total)?(accel|gravity|magnet|orient|baro|location)", re.IGNORECASE)
 
 
@@ -51,13 +53,20 @@ class Record(NamedTuple):
 
     name : in messages and results
     times : of each observable [s], as measured;  values : (samples, components) in SI units
+    wheel : (times, momenta (samples, 3)) of a measured wheel
     notes : about its table, in sentences
     """
 
     name: str
     times: Mapping[str, Array]
     values: Mapping[str, Array]
+    wheel: tuple[Array, Array] | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The times of the first and the last sample."""
+        return min(t[0] for t in self.times.values()), max(t[-1] for t in self.times.values())
 
 
 def read_columns_option(value: Any, at: str) -> dict[str, ColumnsOf]:
@@ -115,7 +124,9 @@ def read_records(
         name = os.path.basename(table) if isinstance(table, (str, os.PathLike)) else "data"
         with in_file(str(name)):
             made = _table(table)
-            wanted = columns or _found(made, sizes, str(name))
+            wanted = columns
+            if not columns.keys() - {WHEEL}:
+                wanted = {**_found(made, sizes, str(name)), **columns}
             t, notes = _times(made, time, rate)
             some = _records(made, t, wanted, units, sizes, split, between, str(name))
             records += [record._replace(notes=notes) for record in some]
@@ -256,6 +267,18 @@ def _times(
     return t, tuple(notes)
 
 
+def _product(table: Mapping[str, Any], word: str, unit: str, wanted: str) -> Array:
+    """Return a column in SI units, also with a sign or a factor before it, as -gx and
+    1.7e-6*wheel_rpm; of a number alone, a column of it."""
+    match = None if word in table else _FACTOR.fullmatch(word)
+    sign, number, name = match.groups() if match else ("", "", word)
+    factor = float(f"{sign}{number or 1}")
+    if not name:
+        return np.full(len(next(iter(table.values()))), factor)
+    # a factor may have a unit of its own
+    return _column(table, name, "columns") * factor * _factor(name, unit, "" if number else wanted)
+
+
 def _records(
     table: Mapping[str, Any], t: Array, columns: Mapping[str, ColumnsOf], units: Mapping[str, str],
     sizes: Mapping[str, int], split: str | None, between: Sequence[tuple[float, float]], name: str,
@@ -270,10 +293,7 @@ def _records(
             raise OptionError(rule, at="columns", value=",".join(names))
         parts = []
         for word in names:
-            is_negated = word not in table and word.startswith("-")
-            word = word[1:] if is_negated else word
-            factor = _factor(word, unit, units[observable])
-            parts.append(_column(table, word, "columns") * (-factor if is_negated else factor))
+            parts.append(_product(table, word, unit, units[observable]))
         values[observable] = np.stack(parts, axis=1)
     groups = [(name, np.isfinite(t))]
     if split is not None:
@@ -291,6 +311,7 @@ def _record(name: str, rows: Any, t: Array, values: Mapping[str, Array]) -> Reco
 
     rows : of the samples in the table, from 1
     """
+    wheel, values = values.get(WHEEL), {k: x for k, x in values.items() if k != WHEEL}
     rises = np.diff(t) > 0.0
     if not rises.all():
         i = int(np.argmin(rises))
@@ -306,11 +327,19 @@ def _record(name: str, rows: Any, t: Array, values: Mapping[str, Array]) -> Reco
             rule = f"{name} has {np.count_nonzero(has_one)} samples of {observable}: needs two"
             raise OptionError(rule, at="data")
         times[observable], samples[observable] = t[has_one], x[has_one]
-    return Record(name, times, samples)
+    if wheel is None:
+        return Record(name, times, samples)
+    known = np.isfinite(wheel).all(1)
+    if np.count_nonzero(known) < 2:
+        raise OptionError(f"{name} has no momenta of the wheel", at="columns")
+    return Record(name, times, samples, (t[known], wheel[known]))
 
 
 def _factor(name: str, unit: str, wanted: str) -> float:
-    """Return the factor to SI of a column: of its unit, or of one that its name states."""
+    """Return the factor to SI of a column: of its unit, or of one that its name states.
+
+    wanted : units that are right; "" for any
+    """
     stated = ""
     if match := _IN_BRACKETS.search(name) or _SUFFIX.search(name):
         stated = match[1] if match.re is _IN_BRACKETS else match[1].replace("_", "/")
@@ -319,7 +348,8 @@ def _factor(name: str, unit: str, wanted: str) -> float:
     for text in (unit, stated):
         try:
             if text:
-                factors.append(float(converter(text, wanted, "columns").convert(1.0)))
+                at = converter(text, wanted, "columns") if wanted else unit_of(text, "columns")
+                factors.append(float(at.convert(1.0)))
         except SceneError as error:
             if match and match.re is _SUFFIX and text == stated:
                 continue  # a name that ends like a unit

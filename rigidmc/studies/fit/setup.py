@@ -15,8 +15,9 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.varied import nominal_of, variables
 from rigidmc.studies.fit.parameters import MOMENTS, FitParameters
 from rigidmc.studies.fit.problem import FitProblem
-from rigidmc.studies.fit.records import ColumnsOf, Record, read_records
+from rigidmc.studies.fit.records import WHEEL, ColumnsOf, Record, read_records
 from rigidmc.studies.fit.streams import NUISANCES, Stream, high_frequency_noise, kind_of, padded
+from rigidmc.studies.fit.wheel import with_wheel
 
 TURN = 0.25  # of the body between two saves [rad]: polynomials of degree 7 then miss 2e-9 of a rate
 LEAST = 8  # intervals between saves: a polynomial has as many nodes
@@ -34,11 +35,12 @@ def records_of(
     rate: float | None = None,
 ) -> list[Record]:
     """Return the records of the data of a scene; see `rigidmc.studies.fit.records`."""
-    saved = tuple(dict.fromkeys([*columns, *BY_NAME]))
+    saved = tuple(dict.fromkeys([*columns, *BY_NAME]).keys() - {WHEEL})
     recording = scene.with_run(save=saved, members=1).recording
     observables = {name: recording.observable(name) for name in saved}
     units = {name: observable.units for name, observable in observables.items()}
     sizes = {name: size(observable.dims) for name, observable in observables.items()}
+    units[WHEEL], sizes[WHEEL] = "kg m2 s-1", 3
     return read_records(data, columns, units, sizes, time, split, between, rate)
 
 
@@ -61,13 +63,22 @@ def make_problem(
     streams : the readings of the records, if they are made
     """
     nominal = _nominal(scene, free)
-    run = prepare_scene(_with_saves(scene, nominal, records, finer))
+    scene, inputs = with_wheel(scene, records)
+    tied = {}
+    if inputs and {"alignment", "omega.alignment"} & set(nuisances):
+        # the wheel turns with its sensor
+        tied = {name.replace("momenta", "turn"): "omega.alignment" for name in inputs}
+    moving = nominal | {name: [0.0, 0.0, 0.0] for name in tied}
+    known = nominal_of(scene.model, inputs)
+    run = prepare_scene(_with_saves(scene, moving, known, records, finer))
     for name in own:
         if name not in nominal:
             raise unknown("free parameter", nominal, at="each", value=name, error=OptionError)
     shared = [name for name in nominal if not name.startswith("start.") and name not in own]
     streams = streams or _streams(run, records, read_noise(run, noise), nuisances, loss)
-    parameters = FitParameters(nominal, shared, streams, len(records), _limits(run.scene, nominal))
+    shared += tied
+    limits = _limits(run.scene, moving)
+    parameters = FitParameters(moving, shared, streams, len(records), limits, tied, inputs)
     return FitProblem(run, parameters, streams, threads, loss)
 
 
@@ -92,20 +103,24 @@ def _nominal(scene: Scene, free: Sequence[str]) -> dict[str, float | list[float]
 
 
 def _with_saves(
-    scene: Scene, nominal: Mapping[str, Any], records: Sequence[Record], finer: int
+    scene: Scene,
+    nominal: Mapping[str, Any],
+    inputs: Mapping[str, Any],
+    records: Sequence[Record],
+    finer: int,
 ) -> Scene:
     """Return the scene with the run of a fit, whose saves lie around the samples.
 
     rk8 with these steps is exact to 1e-9 of a rate, as the polynomials are.
     finer : divides the step
     """
-    longest = max(t[-1] - t[0] for record in records for t in record.times.values())
+    longest = max(record.span[1] - record.span[0] for record in records)
     every = min(TURN / _fastest(scene, records), longest / LEAST) / finer
     steps = max(LEAST, int(np.ceil(longest / every - _ONE_STEP)))
     observables = tuple(dict.fromkeys(name for record in records for name in record.times))
     return scene.with_run(
         integrator="rk8", dt=every, every=every, t_end=steps * every, tolerance=None, members=1,
-        save=observables, varied=nominal, wrt=tuple(nominal),
+        save=observables, varied={**nominal, **inputs}, wrt=tuple(nominal),
     )  # fmt: skip
 
 
@@ -139,7 +154,7 @@ def _streams(
     recording, streams = run.layout.recording, []
     kinds = {name: kind_of(recording.observable(name).dims) for name in records[0].times}
     words = _nuisances(nuisances, kinds)
-    begins = [min(t[0] for t in record.times.values()) for record in records]
+    begins = [record.span[0] for record in records]
     for name, kind in kinds.items():
         times = padded([r.times[name] - t for r, t in zip(records, begins, strict=True)])
         values = padded([record.values[name] for record in records])

@@ -80,7 +80,7 @@ def examine(
     if rates:
         between = _turns(rates, notes)
         known = {name_of(effect) for effect in scene.effects}
-        if known <= set(DAMPING):
+        if known <= set(DAMPING) and records[0].wheel is None:
             is_turned = any("alignment" in word for word in nuisances)
             notes += _balance(scene, rates, is_turned, between < RESOLVED)
     return records, notes
