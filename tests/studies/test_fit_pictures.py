@@ -1,13 +1,17 @@
 """The pictures and the page of a fit: what they draw, beside members and the Dataset."""
 
+import base64
+
 import numpy as np
 import pytest
 from matplotlib.collections import EllipseCollection
 
 import rigidmc as rm
-from rigidmc.errors import OptionError
+from rigidmc.errors import OptionError, OutputExists
+from rigidmc.studies.fit.page import motion, save_page
 from rigidmc.studies.fit.picture import pictures, shown_parameters
 from tests.tools.commands import invoke
+from tests.views.test_viewer import data_of
 
 FREE = "body.moments,start.omega"
 
@@ -103,6 +107,22 @@ def test_the_command_draws_both(tmp_path, monkeypatch):
     assert done.exit_code == 0 and "wrote corner.png" in done.output, done.output
     wrong = invoke(*words, "--plot", "x.png", "--picture", "cornr")
     assert wrong.exit_code == 3 and "did you mean 'corner'" in wrong.output.replace("\n", " ")
+
+
+def test_the_page_has_the_motion_and_the_readings_of_each_record(study, tmp_path):
+    assert save_page(study, tmp_path / "fit.html", False)
+    known = data_of((tmp_path / "fit.html").read_text())
+    assert [len(one["readings"]) for one in known["members"]] == [2, 2]
+    second = known["members"][1]["readings"][1]
+    assert second["names"] == ["ω₁", "ω₂", "ω₃"] and second["upward"] == "ω [rad/s]"
+    part = study.isel(sample=(study.record.values == 2) & (study.channel.values == "omega[2]"))
+    for key in ("data", "model"):
+        found = np.frombuffer(base64.b64decode(second[key][1]["f4"]), "<f4")
+        np.testing.assert_allclose(found, part[key].values, rtol=1e-6)  # of 32 bits
+    ends = motion(study).omega.isel(time=-1).sel(axis=2)
+    assert float(ends[1]) == pytest.approx(float(part.model[-1]), rel=1e-5)  # measured 4e-8
+    with pytest.raises(OutputExists):
+        save_page(study, tmp_path / "fit.html", False)
 
 
 def test_a_record_that_there_is_not(study):

@@ -12,7 +12,7 @@ import rigidmc as rm
 from rigidmc.errors import OptionError, OutputExists
 from rigidmc.runs.frames import frames
 from rigidmc.views import figures
-from rigidmc.views.viewer.data import sphere_density
+from rigidmc.views.viewer.data import sphere_density, to_base64
 from rigidmc.views.viewer.page import view
 from tests.tools.commands import invoke
 
@@ -343,6 +343,29 @@ def test_nothing_is_wider_than_the_window(browser, page, width):
     for name in ("#play", "#slider", "#member", "#speed"):
         box = opened.locator(name).bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= width
+    opened.close()
+
+
+def test_readings_stand_on_the_motion_and_residuals_below(browser, spun, tmp_path):
+    """Members are then records, numbered from 1; a missing reading has no circle."""
+    row = [to_base64([0.0, np.nan, 2.0])]
+    one = {"name": "ω", "upward": "ω [rad/s]", "names": ["ω₁"], "t": to_base64([0.0, 1.0, 2.0])}
+    one |= {"data": row, "model": [to_base64([0.5, 1.0, 1.5])], "residual": row}
+    view(spun, tmp_path / "page.html", members=[0, 2], readings=[[one], [one]])
+    opened, troubles = browser.new_page(viewport={"width": 400, "height": 900}), []
+    opened.on("pageerror", lambda error: troubles.append(str(error)))
+    opened.goto((tmp_path / "page.html").as_uri())
+    for chart, marks in (("motion", [False, True]), ("drift", [True])):
+        assert opened.evaluate(f"charts.{chart}.series.map(s => !!s.marks)") == marks
+    assert opened.evaluate("charts.motion.series.map(s => s.y[2])") == [1.5, 2.0]
+    opened.locator("#member").select_option(label="3")
+    assert opened.locator("#note").text_content().startswith("Record 3: ")
+    assert opened.locator("#pick").text_content().startswith("record ")
+    assert "Residuals" in opened.locator("#drifting").text_content()
+    opened.locator("#quantity").select_option("omega")
+    assert opened.evaluate("charts.motion.series.length") == 3
+    assert opened.evaluate("document.documentElement.scrollWidth") <= 400
+    assert troubles == []
     opened.close()
 
 

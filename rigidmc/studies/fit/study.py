@@ -418,6 +418,13 @@ def save_scene(study: xr.Dataset, path: Path, force: bool) -> bool:
     return True
 
 
+def save_page(study: xr.Dataset, path: Path, force: bool) -> bool:
+    """Write the page with the body beside its readings."""
+    from rigidmc.studies.fit.page import save_page as save  # views take .3 s
+
+    return save(study, path, force)
+
+
 fit = Study(
     name="fit",
     text=__doc__,
@@ -437,7 +444,10 @@ fit = Study(
     variables=VARIABLES,
     picture="pictures",
     picture_options=DataOptions,
-    files={"scene": OutputFile("scenes", "write the fitted scene (.toml)", save_scene)},
+    files={
+        "scene": OutputFile("scenes", "write the fitted scene (.toml)", save_scene),
+        "page": OutputFile("pages", "write the body beside its readings (.html)", save_page),
+    },
     scene_text="a scene, its file, or the name of a shipped scene: the body and its torques, with"
     " first guesses of the free parameters",
     example=Example(

@@ -36,6 +36,7 @@ def view(
     until: float | None = None,
     force: bool = False,
     allow_code: bool = False,
+    readings: Sequence[Any] | None = None,
 ) -> "Page":
     """Make a page of a result: members turn in space next to their momentum spheres, with omega,
     Euler angles and drifts against time, and the density of the ensemble.
@@ -45,6 +46,7 @@ def view(
     members : indices; by default SHOWN members, evenly spaced, and the first flagged one
     until : end of the motion on the page [s]; by default the end of the run, or as far as 4,000
         frames reach (tests/whole/test_claims.py)
+    readings : of each member of `members`, for the page, see `rigidmc.studies.fit.page`
     output : HTML file to write; force : replace it if it exists
 
     Reruns the members, see `rigidmc.runs.frames`. Raises OptionError for members that the result
@@ -57,7 +59,7 @@ def view(
         if {"x", "y"} <= set(ds.dims) and "good" in ds:  # a map
             page = Page(_of_map(ds, allow_code))
         else:
-            page = Page(_written(ds, _chosen(ds, members), until, allow_code))
+            page = Page(_written(ds, _chosen(ds, members), until, allow_code, readings))
     if output is not None:
         write_bytes(output, page.text.encode(), force)
     return page
@@ -85,7 +87,9 @@ def _chosen(ds: xr.Dataset, members: Sequence[int] | None) -> list[int]:
     return list(dict.fromkeys(members))
 
 
-def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code: bool) -> str:
+def _written(
+    ds: xr.Dataset, members: list[int], until: float | None, allow_code: bool, readings: Any
+) -> str:
     """Return the text of the page of a result."""
     scene = scene_of(ds, allow_code=allow_code)
     facts = []
@@ -94,7 +98,7 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
     if end > last * (1.0 + 1e-9):
         rule = f"the run ends at {last:g} s; for a scene, use --set run.t_end={end:g}"
         raise OptionError(rule, at="until", value=end)
-    for member in members:
+    for i, member in enumerate(members):
         count, reached, rate = motion_span(ds.sel(member=[member]), end)
         shown = frames(ds, member, count, allow_code, until=reached)
         if (again := closer(shown, end)) is not None:
@@ -103,6 +107,7 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
         shown.attrs["frames"] += unseen(shown)
         data = motion_data(shown, scene) | {"rate": rate, "status": status_of(ds, member)}
         data["whole"] = data["end"] >= 0.999 * end
+        data["readings"] = readings[i] if readings else []
         data["drift"] = drifts(ds, member, data["end"], allow_code)
         facts.append(data)
     crowd = ds.sizes["member"] > len(members)

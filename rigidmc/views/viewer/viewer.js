@@ -6,6 +6,8 @@ const floats = array => array.f4 ? new Float32Array(bytes(array.f4).buffer)
 for (const m of DATA.members) {
   m.frames = m.q.shape[0];
   for (const key of ["q", "u", "size", "radius"]) if (m[key]) m[key] = floats(m[key]);
+  for (const one of m.readings ?? []) for (const key of ["t", "data", "model", "residual"])
+    one[key] = Array.isArray(one[key]) ? one[key].map(floats) : floats(one[key]);
   if (m.drift) for (const key of ["t", "energy_drift", "l2_drift"]) m.drift[key] = floats(m.drift[key]);
 }
 const CROWD = DATA.density && new Density({ ...DATA.density, t: floats(DATA.density.t) });
@@ -55,8 +57,22 @@ const QUANTITIES = {
   euler: ["Euler angles z-x-z", "angle [degrees]", ["φ", "θ", "ψ"], eulerOf],
   direction: ["direction of L, body axes", "L/|L|", ["1", "2", "3"], (m, i) => described(m, towardOf(m, i))],
 };
+// of a fit, whose members are its records: readings as circles on the motion, and their residuals
+const FITTED = DATA.members[0]?.readings?.length > 0, nameOf = m => FITTED ? `record ${m.index + 1}` : `member ${m.index}`;
+if (FITTED) DATA.members[0].readings.forEach(({ name, upward, names }, k) => {
+  QUANTITIES[`readings ${k}`] = [`readings of ${name}, and the fitted motion`, upward, names];
+});
+function readings() {
+  const { t: x, data, model, residual, names } = member().readings[$("quantity").value.split(" ")[1] ?? 0];
+  const all = (rows, marks) => rows.map((y, tone) => ({ x, y, name: names[tone], tone, marks }));
+  return { names, motion: [...all(model), ...all(data, true)], rest: all(residual, true) };
+}
 function quantity() {
   const m = member(), key = $("quantity").value, [, upward, names, of] = QUANTITIES[key];
+  if (!of) {
+    charts.motion.draw({ series: readings().motion, across: "time [s]", upward });
+    return legend("names", names);
+  }
   const t = Array.from({ length: m.frames }, (_, i) => m.end * i / (m.frames - 1 || 1)), found = t.map((_, i) => of(m, i));
   const series = names.map((name, k) => ({ name, x: t, y: found.map(one => one[k]) }));
   if (key === "euler") for (const { y } of series)
@@ -66,6 +82,11 @@ function quantity() {
 }
 function drifts() {
   const { drift } = member();
+  if (FITTED) {
+    const { rest, names } = readings();
+    charts.drift.draw({ series: rest, across: "time [s]", upward: "residual/noise" });
+    return legend("drifts", names);
+  }
   if (!drift) return;
   const log = (name, key) => ({ name, x: drift.t, y: Array.from(drift[key], v => Math.log10(Math.max(Math.abs(v), 1e-17))) });
   charts.drift.draw({ series: [log("energy", "energy_drift"), log("|L|²", "l2_drift")], across: "time [s]", upward: "relative drift", log: true });
@@ -123,7 +144,7 @@ function choose(k) {
   page.path = frames.map(i => towardOf(m, i));
   page.t = Math.min(page.t, m.end);
   page.speed = listSpeeds(m.rate > 0 ? SHOWN_RATE / m.rate : 1);
-  $("note").textContent = `Member ${m.index}: ${m.status === "ok" ? "" : `flagged (${m.status}), frozen at its last good state; `}` +
+  $("note").textContent = `${nameOf(m).replace(/^./, x => x.toUpperCase())}: ${m.status === "ok" ? "" : `flagged (${m.status}), frozen at its last good state; `}` +
     `${m.frames.toLocaleString("en")} frames of ${+m.end.toPrecision(4)} s, ${m.steps}` +
     `${m.whole ? "" : "; the run continues after that"}. Drag to rotate, scroll or pinch to zoom; space plays, arrows step.`;
   redraw();
@@ -136,9 +157,13 @@ function start() {
   sphere.azimuth = Math.atan2(y < 0 ? -0.6 : 0.6, x < 0 ? -0.8 : 0.8);
   if (z < 0) sphere.elevation *= -1;
   charts = { motion: new Chart($("motion")), drift: new Chart($("drift")) };
-  listOptions("member", DATA.members.map((m, k) => [k, `${m.index}${m.status === "ok" ? "" : " ⚑ " + m.status}`]));
+  listOptions("member", DATA.members.map((m, k) => [k, `${nameOf(m).split(" ")[1]}${m.status === "ok" ? "" : " ⚑ " + m.status}`]));
   listOptions("quantity", Object.entries(QUANTITIES).map(([key, [name]]) => [key, name]));
-  $("quantity").value = DATA.quantity;
+  $("quantity").value = FITTED ? "readings 0" : DATA.quantity;
+  if (FITTED) {
+    $("drifting").querySelector("figcaption").firstChild.data = "Residuals of the readings, over their noise ";
+    $("pick").firstChild.data = "record ";
+  }
   $("crowd").textContent = CROWD ? `Blue: density of ${DATA.density.members.toLocaleString("en")} members.` : "";
   const pulls = DATA.pulls.map(([name]) => ({ g: "gravity (g)", B: "field (B)" })[name]);
   if (DATA.members[0].radius) pulls.unshift("local vertical of the orbit (r)");

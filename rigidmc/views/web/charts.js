@@ -31,7 +31,7 @@ class Chart extends Canvas {
     node.addEventListener("pointermove", point);
     for (const end of ["pointerleave", "pointercancel"]) node.addEventListener(end, () => point(null));
   }
-  // series: [{x, y, name}] of equal lengths; log: y are exponents of 10; dots: one at the end of a curve in the plane
+  // series: [{x, y, name}] of equal lengths; with marks: circles in place of a line; tone: its colour, by default its place; log: y are exponents of 10; dots: one at the end of a curve in the plane
   draw(drawn) {
     const { series, across, upward, log = false, dots = false } = this.drawn = drawn;
     this.clear();
@@ -67,8 +67,11 @@ class Chart extends Canvas {
     pen.save(); pen.translate(11, (box.top + box.bottom) / 2); pen.rotate(-Math.PI / 2); pen.textBaseline = "middle"; pen.fillText(upward, 0, 0); pen.restore();
     pen.save();
     pen.beginPath(); pen.rect(box.left, box.top, box.right - box.left, box.bottom - box.top); pen.clip();
-    series.forEach(({ x, y }, k) => {
-      pen.strokeStyle = colour(COLOURS[k % 3]); pen.setLineDash(DASHES[k % 3]); pen.lineWidth = 1.6;
+    series.forEach(({ x, y, marks, tone: k }, place) => {
+      k ??= place;
+      pen.strokeStyle = colour(COLOURS[k % 3]); pen.setLineDash(marks ? [] : DASHES[k % 3]); pen.lineWidth = marks ? 0.8 : 1.6;
+      if (marks) for (let i = 0; i < x.length; i++) { pen.beginPath(); pen.arc(px(x[i]), py(y[i]), 2.2, 0, 7); pen.stroke(); }
+      if (marks) return;
       pen.beginPath();
       let open = false;
       for (let i = 0; i < x.length; i++) {
@@ -92,7 +95,8 @@ class Chart extends Canvas {
     let near = 0;
     for (let i = 1; i < x.length; i++) if (far(i) < far(near)) near = i;
     const digits = value => nice(+value.toPrecision(5)), unit = words => words.replace(/^.*\[/, " [").replace(/^[^[]*$/, "");
-    const values = series.map(({ y, name }) => `${name ?? upward.replace(/ ?\[.*/, "")} ${digits(log ? 10 ** y[near] : y[near])}${unit(upward).replace(/[[\]]/g, "")}`);
+    const lines = series.filter(s => !s.marks), named = lines.length ? lines : series;
+    const values = named.map(({ y, name }) => `${name ?? upward.replace(/ ?\[.*/, "")} ${digits(log ? 10 ** y[near] : y[near])}${unit(upward).replace(/[[\]]/g, "")}`);
     const words = [`${across.replace(/ ?\[.*/, "")} ${digits(x[near])}${unit(across).replace(/[[\]]/g, "")}`, ...values].join(",  ");
     pen.strokeStyle = pen.fillStyle = colour("--ink"); pen.lineWidth = 1;
     pen.beginPath();
