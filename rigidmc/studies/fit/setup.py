@@ -115,7 +115,8 @@ def _with_saves(
     finer : divides the step
     """
     longest = max(record.span[1] - record.span[0] for record in records)
-    every = min(TURN / _fastest(scene, records), longest / LEAST) / finer
+    fastest = max(_fastest(scene, records), np.finfo(float).tiny)  # a start may be at rest
+    every = min(TURN / fastest, longest / LEAST) / finer
     steps = max(LEAST, int(np.ceil(longest / every - _ONE_STEP)))
     observables = tuple(dict.fromkeys(name for record in records for name in record.times))
     return scene.with_run(
@@ -127,8 +128,9 @@ def _with_saves(
 def _fastest(scene: Scene, records: Sequence[Record]) -> float:
     """Return the largest angular velocity of the data, or else of the scene [rad/s]."""
     rates = [record.values["omega"] for record in records if "omega" in record.values]
-    if rates:
-        return max(float(np.nanmax(np.linalg.norm(x, axis=1))) for x in rates)
+    largest = max((float(np.nanmax(np.linalg.norm(x, axis=1))) for x in rates), default=0.0)
+    if largest > 0.0:  # readings of a design are 0
+        return largest
     spin = scene.start.spin_name
     vector = np.atleast_1d(nominal_of(scene.model, [f"start.{spin}"])[f"start.{spin}"])
     if spin == "momentum":
