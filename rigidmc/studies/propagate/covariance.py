@@ -130,10 +130,15 @@ def checked_covariance(value: Any, size: int) -> Array:
 
 def draw_normal(covariance: Array, count: int, seed: int) -> Array:
     """Return normal deviations (P, count) of mean 0 with a covariance, which may be singular."""
+    factor = factor_of(covariance)
+    z = np.random.default_rng([seed, 0x636F76]).standard_normal((count, len(factor)))
+    return np.asarray(factor @ z.T)
+
+
+def factor_of(covariance: Array) -> Array:
+    """Return L (P, P) with L L^T = covariance, which may be singular."""
     deviations = np.sqrt(np.diag(covariance))
     # a variance of 0 has zeros in its row, in any unit
     scale = np.where(deviations > 0.0, deviations, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    factor = scale[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None))
-    z = np.random.default_rng([seed, 0x636F76]).standard_normal((count, len(values)))
-    return np.asarray(factor @ z.T)
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None)))
