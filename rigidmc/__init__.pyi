@@ -74,6 +74,7 @@ from rigidmc.scene.vector_distributions.vectors import Correlated as Correlated
 from rigidmc.scene.vector_distributions.vectors import Sphere as Sphere
 from rigidmc.studies.accuracy.study import accuracy as accuracy
 from rigidmc.studies.basins.study import basins as basins
+from rigidmc.studies.design.study import design as design
 from rigidmc.studies.fit.study import fit as fit
 from rigidmc.studies.frequencies.study import frequencies as frequencies
 from rigidmc.studies.ftle.study import ftle as ftle

@@ -10,7 +10,8 @@ Reading order: `framework` (the record is in `framework/study`); `ftle`, the sho
 `gradient` (members with derivatives), `stability_map` (parameters against measures), `rare`,
 `multilevel` and `lyapunov` (tasks, by `framework/tasks`), `propagate` (derivatives of one member
 beside an ensemble), `accuracy`, `stress` (integrators against truths), `linearise` (steady
-motions) and `fit` (parameters from measured motion), which `framework/work` computes in one call.
+motions), `fit` (parameters from measured motion) and `design` (what a fit to a measurement yet to
+be made would show), which `framework/work` computes in one call.
 Four files are verbs, not studies: `until` (grow an ensemble until a measure is known), `totals`
 (keep only sums over the members), `exact` (compare one top with its formula), `bits` (compare CPUs
 and GPUs).
@@ -31,6 +32,8 @@ STUDIES = {
     " of starts whose end changes under small perturbations, for each size of the perturbation,"
     " and the dimension of the boundary between basins of attraction. With -o RUN/ the members go"
     " to a run directory, which survives a kill.",
+    "design": "Compare measurements before you make them: how precisely each start, duration and"
+    " sensor shows a parameter, and how far it decides whether an event occurs.",
     "fit": "Fit parameters of a scene to measured motion: every body and start that the data allow,"
     " with intervals that residuals widen where the model leaves something out.",
     "frequencies": "Compute the frequencies in the motion of each member, and the change of the"

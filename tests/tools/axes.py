@@ -15,7 +15,7 @@ _RAW = re.compile(r"[A-Za-z]\w*\.[a-z]\w+|[A-Za-z]{2,}_[A-Za-z0-9]")
 _PURE = (
     "drift", "member", "fraction", "probability", "steps", "density", "level", "index", "per bin",
     "log₁₀", "parameter", "ε", "√", "isotropic", "kT", "p(", "derivative of", "cost", "error",
-    "reached", "MEGNO", "number of", "residual/noise",
+    "reached", "MEGNO", "number of", "residual/noise", "I₁/I",
 )  # fmt: skip
 SLACK = 1.0  # pixels that a letter may reach beyond the figure
 

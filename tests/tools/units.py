@@ -297,6 +297,11 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
         found = rm.fit(single, data, "start.omega", noise={"omega": 0.01 / t}, trials=2)
         return {name: (found[name].values, "rad s-1") for name in ("value", "deviation")}
 
+    def designed() -> Any:
+        sensor, times = f"omega={0.01 / t!r}@{20.0 / t!r}", [0.5 * t, t]
+        found = rm.design(single, "start.omega", sensor, times, "start.omega.2")
+        return {"deviation": (found.deviation.values, "rad s-1")}
+
     def moving() -> Any:
         live = live_run(one, 2)
         started = {name: live.start[name] for name in ("moments", "mass")}
@@ -312,6 +317,7 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
         "basins": sure, "rare, event": seldom, "rare, tail": tail, "multilevel": levels,
         "accuracy": ladder, "stress --scene": checked, "lyapunov": exponents,
         "gradient": slope, "propagate": linear, "linearise": steady, "fit": fitted,
+        "design": designed,
     }  # fmt: skip
 
 
