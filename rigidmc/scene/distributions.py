@@ -4,8 +4,9 @@ Numbers are drawn by inverting the distribution function, so any point set in (0
 them."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import Any, ClassVar
 
 import numpy as np
@@ -48,6 +49,11 @@ class Distribution:
             return quantiles
         a, b = map(float, self.parameters)
         return a + b * normal_quantile(u) if self.name == "normal" else a + (b - a) * u
+
+    def log_density(self, x: Array) -> Array:
+        """Return the logarithms of the density at numbers (n,), -inf where it is 0."""
+        logarithms: Array = self.frozen().logpdf(x)
+        return logarithms
 
     def of_words(self, words: Array, own: int) -> Array:
         """Return values from the words (4, n) of a draw, of which this number has word `own`."""
@@ -148,6 +154,11 @@ class Truncated(Distribution):
         numbers: Array = np.clip(law.isf(at) if upper else law.ppf(at), *self.parameters[1:])
         return numbers
 
+    def log_density(self, x: Array) -> Array:
+        inner, low, high = self.parameters
+        inside = inner.log_density(x) - math.log(self.acceptance())
+        return np.where((x >= low) & (x <= high), inside, -np.inf)
+
     def _ends(self) -> tuple[Any, float, float, bool]:
         """Return (scipy's distribution, its probability at each bound, whether these are 1 - F).
 
@@ -218,6 +229,22 @@ class Common(Distribution):
         """Raise SceneError: bounds would change the others, too."""
         shown = {**self.as_table(), "between": [low, high]}
         raise SceneError("a number in common has no bounds", at="between", value=shown)
+
+
+def joint_log_density(laws: Sequence[Common], numbers: Sequence[Array]) -> Array:
+    """Return the logarithms of the joint density (n,) of correlated numbers (n,); SceneError if
+    some follow from the others."""
+    away = [x - law.parameters[0] for law, x in zip(laws, numbers, strict=True)]
+    by = np.array([*zip_longest(*(law.parameters[1:] for law in laws), fillvalue=0.0)]).T
+    sizes = np.linalg.norm(by, axis=1)
+    correlation = (by @ by.T) / np.outer(sizes, sizes)
+    if np.linalg.eigvalsh(correlation)[0] < 1e-10:
+        rule = "no density, since some of these numbers follow from the others"
+        raise SceneError(rule, at="common")
+    factor = np.linalg.cholesky(correlation) * sizes[:, None]
+    z: Array = np.linalg.solve(factor, np.stack(away))
+    normal = -0.5 * (np.square(z) + math.log(2.0 * math.pi)) - np.log(np.diag(factor))[:, None]
+    return np.asarray(normal.sum(0))
 
 
 def _scipy(name: str) -> Any:
@@ -443,6 +470,11 @@ class Mixture(Distribution):
         inside = (u - (ends - shares)[which]) / shares[which]
         # rounding may reach an end of (0, 1)
         return which, np.clip(inside, 0.5**53, 1.0 - 0.5**53)
+
+    def log_density(self, x: Array) -> Array:
+        pairs = zip(np.log(self.shares()), self.parameters, strict=True)
+        parts = [share + law.log_density(x) for share, (_, law) in pairs]
+        return np.asarray(np.logaddexp.reduce(parts))
 
     def times(self, by: float) -> "Mixture":
         return Mixture(self.name, tuple((w, law.times(by)) for w, law in self.parameters))

@@ -9,6 +9,7 @@ import numpy as np
 
 from rigidmc.inputs.arrays import Array
 from rigidmc.mechanics.rotation import product, quaternion, quaternion_from_euler
+from rigidmc.physics.dynamics.body_axes import body_axes
 from rigidmc.physics.dynamics.dual_arrays import DualArray, with_partials
 from rigidmc.physics.dynamics.functions import (
     arcsine,
@@ -78,6 +79,14 @@ class Fisher(VectorDistribution):
         rotation = np.stack([cosine(half), *(sine(half) * axis)], axis=-1)
         return product(quaternion(self.attitude), rotation).T
 
+    def log_density(self, x: Array, moments: Array) -> Array:
+        from scipy.special import ive
+
+        twice = 2.0 * self.kappa
+        # 1 - cos(angle) = 2 (1 - <q, M>^2); the mean of the density is I0(2 kappa) - I1(2 kappa)
+        away = 2.0 * (1.0 - np.square(quaternion(self.attitude) @ x))
+        return np.asarray(-twice * away - np.log(ive(0, twice) - ive(1, twice)))
+
 
 @dataclass(frozen=True)
 class Pointing(VectorDistribution):
@@ -126,6 +135,12 @@ class Pointing(VectorDistribution):
         x, y, z = self.direction
         tip = quaternion_from_euler(arctan2(x, -y), arctan2(hypotenuse(x, y), z), np.zeros(()))
         return np.stack(multiply(tuple(tip), tuple(quaternion_from_euler(azimuth, theta, psi))))
+
+    def log_density(self, x: Array, moments: Array) -> Array:
+        axis = np.array(self.direction) / math.sqrt(sum(c * c for c in self.direction))
+        away = 1.0 - axis @ np.stack([row[2] for row in body_axes(tuple(x))[1:]])
+        mean = -math.expm1(-2.0 * self.kappa) / (2.0 * self.kappa) if self.kappa else 1.0
+        return np.asarray(-self.kappa * away - math.log(mean))
 
 
 def _one_less_cosine(kappa: Any, u: Array) -> Any:

@@ -132,6 +132,10 @@ class GibbsMomentum(EquilibriumEnsemble):
         normal = (Distribution("normal", (0.0, 1.0)),) * 3
         return np.sqrt(facts.moments * kT) * draw(normal, sampler, f"{name}.normal", first, count)
 
+    def log_density(self, x: Array, moments: Array) -> Array:
+        variances = self.kT * moments
+        return np.asarray(-0.5 * (x * x / variances + np.log(2.0 * np.pi * variances)).sum(0))
+
 
 def attitudes_of_ensemble(share: Density, seed: Source, first: int, count: int) -> Array:
     """Draw unit quaternions (4, count) with density proportional to share(q) <= 1, by rejection:

@@ -84,6 +84,14 @@ class VectorDistribution:
         """
         raise NotImplementedError
 
+    def log_density(self, x: Array, moments: Array) -> Array:
+        """Return the logarithms of the density (n,) at vectors (3, n), or at attitudes (4, n)
+        relative to uniform ones; optional, for `reweight`.
+
+        moments : principal moments (3, n) of the members
+        """
+        raise NotImplementedError
+
     @classmethod
     def names(cls) -> tuple[str, ...]:
         """Return the names of the fields."""

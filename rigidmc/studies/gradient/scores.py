@@ -205,7 +205,7 @@ def _of_mixture(law: Mixture) -> dict[str, Score | Refusal]:
     total = float(sum(weight for weight, _ in law.parameters))
 
     def densities(x: Array) -> Array:
-        return np.stack([_density(part, x) for _, part in law.parameters])
+        return np.exp([part.log_density(x) for _, part in law.parameters])
 
     def of_weight(i: int, x: Array) -> Array:
         f = densities(x)
@@ -222,11 +222,3 @@ def _of_mixture(law: Mixture) -> dict[str, Score | Refusal]:
         for key, x in scores_of(part).items():
             scores[f"{i + 1}.{key}"] = x if isinstance(x, str) else partial(of_component, i, x)
     return scores
-
-
-def _density(law: Distribution, x: Array) -> Array:
-    if isinstance(law, Truncated):
-        inner, low, high = law.parameters
-        inside = (x >= low) & (x <= high)
-        return np.where(inside, inner.frozen().pdf(x) / law.acceptance(), 0.0)
-    return np.asarray(law.frozen().pdf(x))
