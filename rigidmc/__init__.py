@@ -32,6 +32,7 @@ _HOMES = {name: f"studies.{name}.study" for name in STUDIES} | {
     "prepare": "runs.simulate",
     "PreparedRun": "runs.prepare",
     "rerun": "runs.rerun",
+    "reweight": "studies.reweight",
     "zoom_map": "studies.stability_map.stored",
     "simulate_until": "studies.until",
     "estimate_rqmc": "studies.until",

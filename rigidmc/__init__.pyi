@@ -84,6 +84,7 @@ from rigidmc.studies.lyapunov.study import lyapunov as lyapunov
 from rigidmc.studies.multilevel.study import multilevel as multilevel
 from rigidmc.studies.propagate.study import propagate as propagate
 from rigidmc.studies.rare.study import rare as rare
+from rigidmc.studies.reweight import reweight as reweight
 from rigidmc.studies.section.study import section as section
 from rigidmc.studies.sensitivity.study import sensitivity as sensitivity
 from rigidmc.studies.stability_map.stored import zoom_map as zoom_map

@@ -105,6 +105,12 @@ COMMANDS = {
         "Rerun one member of a result, to the same bits, and save more: all observables"
         " unless --save names some.",
     ),
+    "reweight": Entry(
+        "results",
+        LOOK,
+        "Estimate measures of a result for a scene with other distributions, by weights of the"
+        " members, without a new run.",
+    ),
     "export": Entry(
         "results",
         LOOK,

@@ -1,4 +1,4 @@
-"""Commands about a result: rigidmc rerun, summary, plot, export, animate and view."""
+"""Commands about a result: rigidmc rerun, reweight, summary, plot, export, animate and view."""
 
 import os
 import sys
@@ -13,9 +13,11 @@ from rigidmc.cli.options import (
     FORMATS,
     AllowCode,
     Force,
+    Output,
     Plot,
     ResultArgument,
     ResultOutput,
+    SceneArgument,
     Set,
     add_setting_options,
     count_option,
@@ -101,6 +103,28 @@ def summary_command(file: ResultArgument, of: Of = []) -> None:  # noqa: B006
             raise
         except ValueError as error:
             fail(error, INVALID)
+
+
+def reweight_command(
+    file: ResultArgument,
+    scene: SceneArgument,
+    of: Of = [],  # noqa: B006
+    settings: Set = [],  # noqa: B006
+    output: Output = None,
+    force: Force = False,
+    allow_code: AllowCode = False,
+) -> None:
+    with report_errors():
+        from rigidmc.results.export import write
+        from rigidmc.studies.reweight import reweight, table
+
+        refuse_outputs(force, study=output)
+        new = load_scene(scene, settings, allow_code)
+        with load_result(file, allow_code) as dataset, in_file(file):
+            study = reweight(dataset, new, of, allow_code=allow_code)
+        if output is not None:
+            write(study, output, force)
+        print("\n".join([*table(study), *report_files([output])]))
 
 
 def plot_command(

@@ -101,9 +101,7 @@ def rerun(
     if output is not None:
         refuse_existing(os.fspath(output), force)
     if not isinstance(source, xr.Dataset):
-        path = os.fspath(source)
-        run = is_folder(path) and not is_zarr(path)
-        with open_run(path, allow_code) if run else open_result(path) as result:
+        with open_members(source, allow_code) as result:
             return rerun(result, member, every, save, allow_code, output, force, **options)
     if "member" not in source.coords:
         rule = "expected a result with members: a map or a study stores none"
@@ -121,6 +119,13 @@ def rerun(
     if output is not None:
         write(again, output, force)
     return again
+
+
+def open_members(path: Path, allow_code: bool = False) -> xr.Dataset:
+    """Open a result: a file or a run directory."""
+    path = os.fspath(path)
+    run = is_folder(path) and not is_zarr(path)
+    return open_run(path, allow_code) if run else open_result(path, allow_code)
 
 
 def chosen_members(member: int | range, run: Run, result: xr.Dataset, name: str) -> range:
@@ -244,7 +249,7 @@ def _compared(again: xr.Dataset, result: xr.Dataset, scene: Scene, source: str) 
         if pair.name in others:
             continue
         if pair.times is None:
-            _refuse_other_inputs(pair, again.member.values, source)
+            refuse_other_inputs(pair, again.member.values, source)
         else:
             names.append(pair.name)
             times = np.union1d(times, pair.times)
@@ -272,7 +277,7 @@ def _other_method(again: xr.Dataset, result: xr.Dataset, name: str) -> bool:
     return len({*methods}) == 2
 
 
-def _refuse_other_inputs(pair: Pair, members: Ints, source: str) -> None:
+def refuse_other_inputs(pair: Pair, members: Ints, source: str) -> None:
     """Raise FileError for inputs (..., member) that do not follow from scene and seed.
 
     Differences from rounding in other versions are allowed.

@@ -307,8 +307,8 @@ def refuse_indexed(model: Model, study: str, tables: bool = True) -> None:
             raise SceneError(rule, at=at)
 
 
-def _named(model: Model) -> Iterator[tuple[str, Any]]:
-    """Yield (path, quantity) for all quantities."""
+def named_values(model: Model) -> list[tuple[str, Any]]:
+    """Return (path, value) of all quantities, and of the vectors that have several."""
     body, start = model.body, model.start
     named: list[tuple[str, Any]] = [
         (f"body.{body.inertia_key}", body.moments), ("body.mass", body.mass),
@@ -320,6 +320,11 @@ def _named(model: Model) -> Iterator[tuple[str, Any]]:
             (f"effects.{label}.{key}", value)
             for key, value in zip(effect._fields, effect, strict=True)
         ]
-    for at, value in named:
+    return named
+
+
+def _named(model: Model) -> Iterator[tuple[str, Any]]:
+    """Yield (path, quantity) for all quantities."""
+    for at, value in named_values(model):
         parts = flat_parameters(value) if isinstance(value, VectorDistribution) else value
         yield from ((at, part) for part in (parts if type(parts) is tuple else (parts,)))

@@ -12,9 +12,9 @@ Reading order: `framework` (the record is in `framework/study`); `ftle`, the sho
 beside an ensemble), `accuracy`, `stress` (integrators against truths), `linearise` (steady
 motions), `fit` (parameters from measured motion) and `design` (what a fit to a measurement yet to
 be made would show), which `framework/work` computes in one call.
-Four files are verbs, not studies: `until` (grow an ensemble until a measure is known), `totals`
-(keep only sums over the members), `exact` (compare one top with its formula), `bits` (compare CPUs
-and GPUs).
+Five files are verbs, not studies: `until` (grow an ensemble until a measure is known), `totals`
+(keep only sums over the members), `reweight` (a finished ensemble with other distributions),
+`exact` (compare one top with its formula), `bits` (compare CPUs and GPUs).
 
 Two promises never change: an answer carries its interval, or says why it has none; and it is the
 same for any number of threads, batches and restarts.

@@ -38,7 +38,7 @@ def summary_text(
     settings = toml(scene_text(dataset))["run"]
     unknown = why_no_interval(dataset)
     texts = (of,) if isinstance(of, str) else tuple(of)
-    rows = {} if texts else _rows(dataset)
+    rows = {} if texts else quantity_rows(dataset)
     codes = [name for name in ("status", "drift_law") if name in dataset]
     counted, spread_of = spreads(dataset, list(rows.values()), QUANTILES, codes)
     lines = [_heading(dataset, settings["members"]), _flagged(counted["status"])]
@@ -96,7 +96,7 @@ def _flagged(counts: Ints) -> str:
     return f"  flagged: {', '.join(flags)}; excluded below"
 
 
-def _rows(dataset: xr.Dataset) -> dict[str, Row]:
+def quantity_rows(dataset: xr.Dataset) -> dict[str, Row]:
     """Return {label: Row} of each quantity per member for the summary."""
     rows = {}
     for name, variable in dataset.data_vars.items():

@@ -18,7 +18,7 @@ SCENES = {
     **{load_study(name).command: words_of(name) for name in STUDIES},
 }
 RESULTS = {**dict.fromkeys(("summary", "view", "run", "map"), ()), "plot": ("-o", "x.png")}
-RESULTS |= {"export": ("-o", "x.csv"), "rerun": ("--member", "0")}
+RESULTS |= {"export": ("-o", "x.csv"), "rerun": ("--member", "0"), "reweight": ("dzhanibekov",)}
 RESULTS["animate"] = "--member", "0", "-o", "x.gif"
 RUNS = {**dict.fromkeys(("status", "resume", "verify", "merge"), ()), "consolidate": ("-o", "y.nc")}
 RUNS["extend"] = "--members", "10"

@@ -202,6 +202,19 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
         points = single.with_run(points="sobol")
         return _interval(rm.estimate_rqmc(points, f"mean({fast})", 64), "rad s-1")
 
+    def weighed() -> Any:
+        def shifted(law: Any) -> Any:
+            if not isinstance(law, Distribution) or law.name != "normal":
+                return law
+            mean, deviation = law.parameters
+            return rm.normal(mean + 0.1 * deviation, deviation)
+
+        ds = rm.simulate(single, save=("omega",), members=160)
+        new = single.with_model(single.model.mapped(shifted))
+        found = rm.reweight(ds, new, "mean(omega_final[3])")
+        kinds = dict.fromkeys(("estimate", "standard_error"), "rad s-1") | {"weight": "1"}
+        return {name: (found[name].values, unit) for name, unit in kinds.items()}
+
     def measured() -> Any:
         ds = rm.simulate(single, save=("omega_max", "passage", "flips", "megno"), members=32)
         texts = (f"mean({fast})", "rad s-1"), (f"p({fast} >= {1.0 / t!r})", "1")
@@ -311,7 +324,7 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
     return {
         "live": moving, "simulate": simulated, "rerun": again, "simulate(tolerance)": chosen,
         "simulate_until": until, "simulate_totals": totals,
-        "estimate_rqmc": spread, "rigid.measure": measured,
+        "estimate_rqmc": spread, "reweight": weighed, "rigid.measure": measured,
         "rigid": followed, "stability_map": mapped, "zoom_map": nearer, "section": cross,
         "section, every": periodic, "frequencies": spectra, "ftle": grown, "sensitivity": shares,
         "basins": sure, "rare, event": seldom, "rare, tail": tail, "multilevel": levels,
