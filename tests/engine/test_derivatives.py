@@ -141,3 +141,20 @@ def test_every_integrator_and_kind_of_run_keeps_its_bits(name, case):
     again, again_end = moved(run, change, at_once=1)  # in two passes
     assert np.array_equal(saves, again, equal_nan=True)
     assert np.array_equal(end, again_end, equal_nan=True)
+
+
+def test_times_of_two_events_change_as_differences_do():
+    body = rm.Body.from_moments((1.0, 1.5, 2.0), mass=1.0, centre=(0.05, 0.02, 0.1))
+    omega = 1.5 * np.random.default_rng(1).normal(size=(MEMBERS, 3))
+    cones = rm.Passage(1, 1.2), rm.Passage(3, 0.4)
+
+    def times(by):
+        scene = rm.Scene(body, GRAVITY, rm.Start(omega=omega + [by, 0.0, 0.0]), observables=cones)
+        return rm.simulate(scene, integrator="rk8", dt=0.02, t_end=2.0, every=1.0, save=cones,
+                           members=MEMBERS, wrt="start.omega.1")  # fmt: skip
+
+    ds, high, low = map(times, (0.0, 1e-5, -1e-5))
+    for name in ("passage_last", "passage_first_2", "passage_last_2"):
+        change = (high[name] - low[name]).values / 2e-5
+        assert np.abs(change).max() > 1.0
+        assert np.abs(ds[f"d_{name}"].values[0] - change).max() < 1e-7, name  # measured 2.2e-9
