@@ -1,11 +1,15 @@
 """Places of numbers: the table of rows is what a scene is staged and watched by."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import rigidmc as rm
 from rigidmc.engine.compiler.trees import tree_size
 from rigidmc.engine.kernel import layout
+from rigidmc.engine.kernel.arguments import CUT_ROWS
+from rigidmc.engine.kernel.block import next_cut
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.effects.protocol import parameter_count
 from rigidmc.planning.initial import block_rows, work_flags
@@ -42,3 +46,13 @@ def test_a_scene_is_staged_by_the_table_of_rows(save):
     assert rows.end == rows.events + watched.rows
     assert rows.works == layout.EFFECTS + 2
     assert rows.in_state(layout.EFFECTS) == layout.EFFECTS_AT
+
+
+def test_a_call_begins_at_the_parts_of_its_first_step():
+    """Steps 2, 5 and 9 have two, one and three parts."""
+    steps = [2, 2, 5, 9, 9, 9]
+    rows = np.zeros((len(steps) + 1, CUT_ROWS))
+    rows[:, 0] = *steps, 1e300
+    frame = SimpleNamespace(cuts=rows.ravel(), h=0.1, slots=1)
+    first = [int(np.searchsorted(steps, now)) for now in range(12)]
+    assert [next_cut(frame, now) for now in range(12)] == first
