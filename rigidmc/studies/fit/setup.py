@@ -35,7 +35,8 @@ def records_of(
     rate: float | None = None,
 ) -> list[Record]:
     """Return the records of the data of a scene; see `rigidmc.studies.fit.records`."""
-    saved = tuple(dict.fromkeys([*columns, *BY_NAME]).keys() - {WHEEL})
+    # not a set, whose order differs between processes, and with it the order of all sums
+    saved = tuple(name for name in dict.fromkeys([*columns, *BY_NAME]) if name != WHEEL)
     recording = scene.with_run(save=saved, members=1).recording
     observables = {name: recording.observable(name) for name in saved}
     units = {name: observable.units for name, observable in observables.items()}
