@@ -70,7 +70,7 @@ def dataset_of(
     slopes, value = parameters.slopes(x), parameters.values(x)
     covariance = covariance_of(allowed, lambda y: (parameters.values(y), parameters.slopes(y)))
     deviation = np.sqrt(np.diag(covariance))
-    jacobian = problem.jacobian(x)[1]
+    jacobian = problem.jacobian(x, is_white=False)[1]
     spread = np.sqrt(np.maximum(0.0, ((jacobian @ found.covariance) * jacobian).sum(1)))
     # moments are hidden together: each follows from two coordinates
     is_hidden = (np.abs(slopes) @ found.shown.hidden) > 0.0

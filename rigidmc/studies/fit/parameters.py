@@ -120,6 +120,13 @@ class FitParameters:
         """Number of columns whose derivatives the coordinates mix: the moments, or none."""
         return 3 if MOMENTS in self.nominal else 0
 
+    @property
+    def quaternions(self) -> NDArray[np.int64]:
+        """Places of the quaternion of each record, (records, 4); its length says nothing."""
+        name = "start.attitude"
+        is_one = len(self.nominal.get(name, ())) == 4
+        return self.places_of(name) if is_one else np.empty((0, 4), np.int64)
+
     def places_of(self, name: str) -> NDArray[np.int64]:
         """Return the places of a parameter, (records, components)."""
         (column,) = (c for c in self.columns if c.name == name)
@@ -191,6 +198,8 @@ class FitParameters:
         if self.mixed:
             for places in self.places_of(MOMENTS):
                 values[places] = np.exp(x[places]) @ PAIRS
+        for places in self.quaternions:
+            values[places] /= np.copysign(np.linalg.norm(x[places]), x[places[0]])
         return values
 
     def slopes(self, x: Array) -> Array:
@@ -199,6 +208,10 @@ class FitParameters:
         if self.mixed:
             for places in self.places_of(MOMENTS):
                 slopes[np.ix_(places, places)] = PAIRS * np.exp(x[places])
+        for places in self.quaternions:
+            size = np.copysign(np.linalg.norm(x[places]), x[places[0]])
+            across = np.eye(4) - np.outer(x[places], x[places]) / size**2
+            slopes[np.ix_(places, places)] = across / size
         return slopes
 
 

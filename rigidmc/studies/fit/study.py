@@ -316,7 +316,7 @@ class Fits(Tasks):
         """Return what the readings show before any fit, as text."""
         problem = problem_of(run.scene, request, records_of_request(request), threads)
         x = make_starts(problem, 1, run.scene.run.seed)
-        shown = seen(problem.sums(x).matrix[0])
+        shown = seen(problem.sums(x).matrix[0], problem.parameters.slopes(x[0]))
         first = f"{count_text(request['trials'], 'trial')}, {problem.residuals:,} readings"
         return "\n".join([first, *request["notes"], *in_words(problem.parameters, x[0], shown)])
 

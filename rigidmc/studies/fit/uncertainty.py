@@ -197,7 +197,8 @@ class Assessment(NamedTuple):
 def assess(problem: FitProblem, x: Array) -> Assessment:
     """Return what the residuals say at the coordinates x (size,) of an answer."""
     white, jacobian = problem.jacobian(x)
-    white, shown = pseudo_residuals(problem.loss, white), seen(jacobian.T @ jacobian)
+    white = pseudo_residuals(problem.loss, white)
+    shown = seen(jacobian.T @ jacobian, problem.parameters.slopes(x))
     times, _, _, names, records = problem.samples_in_order()
     index, channel = problem.parameters.index, np.unique(names, return_inverse=True)[1]
     of_each = np.tile(index, (channel.max() + 1, 1))

@@ -43,8 +43,11 @@ class Seen(NamedTuple):
         return np.asarray((self.shares > TAKES_PART).any(0))
 
 
-def seen(matrix: Array) -> Seen:
-    """Split the coordinates by the eigenvalues of J^T J (size, size), scaled to a diagonal of 1."""
+def seen(matrix: Array, slopes: Array | None = None) -> Seen:
+    """Split the coordinates by the eigenvalues of J^T J (size, size), scaled to a diagonal of 1.
+
+    slopes : of the parameters by the coordinates; what changes no parameter is not missed
+    """
     unit = np.sqrt(np.diag(matrix))
     # a column of zeros stays one, whatever divides it
     unit = 1.0 / np.where(unit == 0.0, 1.0, unit)
@@ -52,7 +55,13 @@ def seen(matrix: Array) -> Seen:
     values, vectors = np.linalg.eigh(matrix * scale)
     shown = values > UNSEEN * values[-1] * len(values)
     inverse = (vectors[:, shown] / values[shown]) @ vectors[:, shown].T * scale
-    return Seen(inverse, simplest(vectors[:, ~shown].T) * unit, unit)
+    hidden = vectors[:, ~shown].T
+    if slopes is not None and hidden.size:
+        by_unit = slopes * unit
+        by_unit /= np.abs(by_unit).sum(1, keepdims=True)
+        _, change, ways = np.linalg.svd(by_unit @ hidden.T, full_matrices=False)
+        hidden = ways[change > TAKES_PART] @ hidden
+    return Seen(inverse, simplest(hidden) * unit, unit)
 
 
 def in_words(parameters: FitParameters, x: Array, shown: Seen) -> list[str]:
