@@ -194,6 +194,23 @@ def test_a_missing_torque_is_told_in_spite_of_outliers(loss):
     assert np.abs(off_of(study)).max() < 3.0  # measured 1.9, 2.5
 
 
+def test_lasting_errors_of_a_sensor_are_no_torque():
+    """Errors of .04 rad/s over .1 s, twice the white noise, in a record of the right model: with a
+    likelihood of white residuals, a torque fixed in the body would gain 35."""
+    _, _, table = fits.record_of(4, fits.LAWS[0])
+    random = np.random.default_rng([4, 7])
+    rho = np.exp(-fits.EVERY / (0.05 * 4.0 ** random.random()))
+    lasting = random.normal(size=(len(table["t"]), 3))
+    for k in range(1, len(lasting)):
+        lasting[k] = rho * lasting[k - 1] + np.sqrt(1.0 - rho**2) * lasting[k]
+    table = fits.table_of(table["t"], np.stack([table[f"omega[{k}]"] for k in (1, 2, 3)], axis=1)
+                          + 0.04 * lasting)  # fmt: skip
+    guess = rm.Scene(rm.Body((0.9, 1.0, 0.95)), start=rm.Start(omega=(1.0, 1.0, 1.0)))
+    study = rm.fit(guess, table, FREE, nuisances="bias,alignment", trials=30)
+    assert study.attrs["lasting_gain"] > 20.0 and study.sizes["torque"] == 5
+    assert study.gain.values.max() < 0.0  # measured -2.9
+
+
 def test_an_unknown_loss_is_refused():
     with pytest.raises(OptionError, match="huber"):
         rm.fit(SCENE, fits.table_of(*record()), FREE, loss="hubert")

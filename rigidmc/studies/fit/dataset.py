@@ -66,7 +66,7 @@ def dataset_of(
     """
     parameters, x = problem.parameters, solution.x[0]
     t, data, noise, names, which = problem.samples_in_order()
-    allowed = laws(problem, x, found, torques)
+    allowed = laws(x, found, torques)
     slopes, value = parameters.slopes(x), parameters.values(x)
     covariance = covariance_of(allowed, lambda y: (parameters.values(y), parameters.slopes(y)))
     deviation = np.sqrt(np.diag(covariance))

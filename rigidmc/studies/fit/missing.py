@@ -30,9 +30,9 @@ class Candidate(NamedTuple):
     """A fit with another torque.
 
     text : the torque, in words;  effect : with its fitted parameters
-    gain : of the logarithm of the likelihood, less 1/2 ln n for each further parameter
-        (Schwarz, Ann. Stat. 6 (1978) 461), with the variance of the residuals of this fit
-    problem, x : the fit and its coordinates
+    gain : of the evidence, see `rigidmc.studies.fit.uncertainty.Assessment`
+    problem, x, found : the fit, its coordinates, and what its residuals say
+    places : of the coordinates of the first fit among its own
     """
 
     text: str
@@ -40,6 +40,8 @@ class Candidate(NamedTuple):
     gain: float
     problem: FitProblem
     x: Array
+    found: Assessment
+    places: list[int]
 
 
 class Law(NamedTuple):
@@ -51,9 +53,7 @@ class Law(NamedTuple):
     covariance: Array
 
 
-def laws(
-    problem: FitProblem, x: Array, found: Assessment, torques: Sequence[Candidate]
-) -> list[Law]:
+def laws(x: Array, found: Assessment, torques: Sequence[Candidate]) -> list[Law]:
     """Return the laws by their probabilities, that of the first fit first: the others are those
     that explain the data better, and none that is 20 times less likely than the best.
 
@@ -64,11 +64,9 @@ def laws(
     hidden = found.shown.unseen / found.shown.unit
     for one in torques:
         if one.gain > max(0.0, best - LEAST):
-            place = {name: i for i, name in enumerate(one.problem.parameters.names)}
-            some = [place[name] for name in problem.parameters.names]
-            wider = assess(one.problem, one.x).covariance[np.ix_(some, some)]
+            wider = one.found.covariance[np.ix_(one.places, one.places)]
             # what the data do not show is as in the first fit
-            shift = (one.x[some] - x) / found.shown.unit
+            shift = (one.x[one.places] - x) / found.shown.unit
             shift -= np.linalg.pinv(hidden) @ (hidden @ shift)
             each.append(Law(np.exp(one.gain - best), x + shift * found.shown.unit, wider))
     total = sum(law.weight for law in each)
@@ -89,10 +87,13 @@ def covariance_of(laws: Sequence[Law], of: Callable[[Array], tuple[Array, Array]
     return np.asarray(total)
 
 
-def torques(moment: float, rate: float, time: float) -> list[tuple[str, str, Any]]:
-    """Return (words, parameter, effect of unit size) of the candidates; unit size stops a body with
-    this moment [kg m^2] and angular velocity [rad/s] in the time of a record [s]."""
-    torque = moment * rate / time
+def torques(problem: FitProblem) -> list[tuple[str, str, Any]]:
+    """Return (words, parameter, effect of unit size) of the candidates; unit size stops the body in
+    the time of a record."""
+    time = float(problem.run.layout.axes.times[-1])
+    rates = [s.values for s in problem.streams if s.observable == "omega"]
+    rate = float(np.nanmax(np.abs(rates[0]))) if rates else 1.0 / time
+    torque = max(float(np.median(x)) for x in problem.run.scene.model.body.moments) * rate / time
     return [
         ("linear drag", "rate", ViscousDamping(1.0 / time)),
         ("quadratic drag", "drag", QuadraticDrag(torque / rate**2)),
@@ -103,60 +104,34 @@ def torques(moment: float, rate: float, time: float) -> list[tuple[str, str, Any
 
 
 def candidates(
-    scene: Scene, problem: FitProblem, x: Array, cost: float,
-    make: Callable[[Scene, Sequence[str]], FitProblem], all_of_them: bool,
+    scene: Scene, problem: FitProblem, x: Array, found: Assessment,
+    make: Callable[[Scene, Sequence[str]], FitProblem],
 ) -> list[Candidate]:  # fmt: skip
-    """Return the fits with one more torque each, the largest gain first.
+    """Return the fits with one more torque each, the largest gain first: drag, which every body in
+    air has, and which nuisances may hide; the others where residuals are correlated.
 
-    x, cost : the best answer of the fit without it
+    x, found : the best answer of the fit without it, and what its residuals say
     make : (scene, names of further free parameters) -> its fit
-    all_of_them : or drag alone, which every body in air has, and which nuisances may hide
     """
-    found, taken = [], {name_of(effect) for _, effect in label_effects(scene.effects)}
-    moment, rate, time = _scales(problem)
-    tried = torques(moment, rate, time)
-    for text, field, unit in tried if all_of_them else tried[:2]:
+    each, taken = [], {name_of(effect) for _, effect in label_effects(scene.effects)}
+    for text, field, unit in torques(problem)[: None if found.error.is_seen else 2]:
         if name_of(unit) in taken:
             continue
         wider = scene.with_model(scene.model._replace(effects=(*scene.effects, unit)))
         name = f"effects.{name_of(unit)}.{field}"
         larger = make(wider, (name,))
+        parameters = larger.parameters
+        places = [parameters.names.index(one) for one in problem.parameters.names]
         # Also from new guesses: without its torque, the best answer may lie where no body can.
         trials = make_starts(larger, TRIALS, scene.run.seed)
-        for i, size in enumerate(SIZES):
-            first = np.array(getattr(unit, field)) * size
-            trials[-1 - i] = _moved(problem, x, larger, {name: first})
-        solution = minimise(larger, trials)
-        best = best_of(larger, solution)
-        n = problem.residuals
-        fraction = solution.sums.cost[best] / cost
-        more = larger.parameters.size - problem.parameters.size
-        gain = -0.5 * n * float(np.log(fraction)) - 0.5 * more * float(np.log(n))
-        whole = solution.x[best]
-        effect = unit._replace(**{field: _fitted(larger, whole, name)})
-        found.append(Candidate(text, effect, gain, larger, whole))
-    return sorted(found, key=lambda one: -one.gain)
-
-
-def _scales(problem: FitProblem) -> tuple[float, float, float]:
-    """Return a moment [kg m^2], an angular velocity [rad/s] and a time [s] of the fit."""
-    model, time = problem.run.scene.model, float(problem.run.layout.axes.times[-1])
-    moments = [float(np.median(x)) for x in model.body.moments]
-    rates = [s.values for s in problem.streams if s.observable == "omega"]
-    rate = float(np.nanmax(np.abs(rates[0]))) if rates else 1.0 / time
-    return max(moments), rate, time
-
-
-def _moved(source: FitProblem, x: Array, target: FitProblem, more: dict[str, Array]) -> Array:
-    """Return the coordinates of parameters in another fit. more : of parameters it has besides"""
-    moved = target.parameters.coordinates(more)
-    place = {name: i for i, name in enumerate(source.parameters.names)}
-    for i, name in enumerate(target.parameters.names):
-        if name in place:
-            moved[i] = x[place[name]]
-    return np.clip(moved, target.parameters.low, target.parameters.high)
-
-
-def _fitted(problem: FitProblem, x: Array, name: str) -> Any:
-    values = problem.parameters.values(x)[problem.parameters.places_of(name)[0]]
-    return tuple(map(float, values)) if values.size > 1 else float(values[0])
+        for trial, size in zip(trials[::-1], SIZES, strict=False):
+            trial[:] = parameters.coordinates({name: np.array(getattr(unit, field)) * size})
+            trial[places] = x
+        solution = minimise(larger, np.clip(trials, parameters.low, parameters.high))
+        end = solution.x[best_of(larger, solution)]
+        more = assess(larger, end)
+        fitted = parameters.values(end)[parameters.places_of(name)[0]].tolist()
+        effect = unit._replace(**{field: tuple(fitted) if len(fitted) > 1 else fitted[0]})
+        gain = more.evidence - found.evidence
+        each.append(Candidate(text, effect, gain, larger, end, more, places))
+    return sorted(each, key=lambda one: -one.gain)

@@ -32,7 +32,6 @@ class Nuisance(NamedTuple):
     unit : "" for the unit of the observable
     is_shared : whether all records of a sensor have the same
     kinds : of the streams that may have it
-    text : its meaning
     """
 
     row: int
@@ -41,23 +40,19 @@ class Nuisance(NamedTuple):
     unit: str
     is_shared: bool
     kinds: tuple[int, ...]
-    text: str
 
 
-IDENTITY = np.eye(3)
 OUTLIER = 9.0  # medians: six standard deviations
 ROUNDS = 100  # of steps to the largest likelihood
 SAME, LOWER = 0.03, 0.9  # changes of noise that change no weight much
 ANY = 0, VECTOR, ATTITUDE
 NUISANCES = {
-    "bias": Nuisance(0, 0, BIAS, "", True, (0, VECTOR), "added to each reading"),
-    "scale": Nuisance(OF_SCALE, 0, SCALE, "1", True, (0, VECTOR), "relative error of each reading"),
-    "alignment": Nuisance(
-        OF_ROTATION, 3, 0, "rad", True, (VECTOR, ATTITUDE), "rotation vector of the sensor's axes"
-    ),
-    "offset": Nuisance(OF_OFFSET, 1, OFFSET, "s", False, ANY, "of the sensor's clock"),
-    "drift": Nuisance(OF_DRIFT, 1, DRIFT, "1", False, ANY, "relative error of the sensor's clock"),
-    "jitter": Nuisance(-1, 1, -1, "s", True, ANY, "random errors of the times of samples"),
+    "bias": Nuisance(0, 0, BIAS, "", True, (0, VECTOR)),
+    "scale": Nuisance(OF_SCALE, 0, SCALE, "1", True, (0, VECTOR)),
+    "alignment": Nuisance(OF_ROTATION, 3, 0, "rad", True, (VECTOR, ATTITUDE)),
+    "offset": Nuisance(OF_OFFSET, 1, OFFSET, "s", False, ANY),
+    "drift": Nuisance(OF_DRIFT, 1, DRIFT, "1", False, ANY),
+    "jitter": Nuisance(-1, 1, -1, "s", True, ANY),  # no parameter: it weighs the others
 }
 
 
@@ -76,7 +71,6 @@ class Stream(NamedTuple):
     values : (records, samples, components), nan where missing
     noise : standard deviation of each channel, in the unit of the observable; nan if unknown
     nuisances : names of NUISANCES
-    mounting : rotation from body axes to axes of the sensor, before any alignment
     is_estimated : whether the noise is found from the readings
     has_jitter : whether their times have errors, then `jitter`, at the `rates` of the model [1/s]
     """
@@ -87,7 +81,6 @@ class Stream(NamedTuple):
     values: Array
     noise: Array
     nuisances: tuple[str, ...] = ()
-    mounting: Array = IDENTITY
     is_estimated: bool = False
     has_jitter: bool = False
     jitter: Jitter = Jitter()
@@ -147,11 +140,10 @@ class Stream(NamedTuple):
         from scipy.spatial.transform import Rotation  # .1 s of a process that fits nothing
 
         sensor = np.zeros((SENSOR_ROWS, members))
-        sensor[:9] = self.mounting.reshape(9, 1)
+        sensor[[0, 4, 8]] = 1.0
         for name, x in values.items():
             if name == "alignment":
-                turned = Rotation.from_rotvec(x).as_matrix() @ self.mounting
-                sensor[:9] = turned.reshape(-1, 9).T
+                sensor[:9] = Rotation.from_rotvec(x).as_matrix().reshape(-1, 9).T
             else:
                 row = NUISANCES[name].sensor_row
                 sensor[row : row + x.shape[1]] = x.T / (every if name == "offset" else 1.0)

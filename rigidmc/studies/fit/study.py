@@ -298,9 +298,9 @@ def reduce(
         streams = newer
         problem = make(scene)
         solution = minimise(problem, solution.x, solution.ends)
-    at, cost = solution.x[0], float(solution.sums.cost[0])
+    at = solution.x[0]
     found = assess(problem, at)
-    torques = candidates(scene, problem, at, cost, make, found.error.is_seen)
+    torques = candidates(scene, problem, at, found, make)
     made = dataset_of(scene, problem, solution, found, torques, options.confidence)
     trials = {"trials": request["trials"], "settled": int(ends[is_settled > 0].sum())}
     return made.assign_attrs(notes="\n".join(request["notes"]), **trials)

@@ -36,12 +36,14 @@ class ModelError(NamedTuple):
 
     white : v, of white noise;  lasting : u, of what lasts from sample to sample;  time : T [s]
     gain : in the logarithm of the likelihood over white noise alone, 0 if that explains all
+    likelihood : its logarithm, with all parameters of the fit as known
     """
 
     white: float
     lasting: float
     time: float
     gain: float
+    likelihood: float = 0.0
 
     @property
     def is_seen(self) -> bool:
@@ -108,10 +110,10 @@ def model_error(channels: Channels, shown: Seen) -> ModelError:
     )  # fmt: skip
     gain = -float(best.fun) - white[0]
     if not gain > SEEN:  # a hint of it would widen one interval in ten by a half
-        return ModelError(white[1], 0.0, shortest, max(0.0, gain))
+        return ModelError(white[1], 0.0, shortest, max(0.0, gain), white[2])
     ratio, time = np.exp(best.x)
-    variance = _likelihood(channels, basis, ratio, time)[1]
-    return ModelError(variance, ratio * variance, float(time), gain)
+    _, variance, likelihood = _likelihood(channels, basis, ratio, time)
+    return ModelError(variance, ratio * variance, float(time), gain, likelihood)
 
 
 def _basis(shown: Seen) -> Array:
@@ -134,8 +136,11 @@ def _inverse(steps: Array, time: float) -> tuple[Array, float]:
     return np.stack([-rho / left, diagonal]), float(np.log(left).sum())
 
 
-def _likelihood(channels: Channels, basis: Array, ratio: float, time: float) -> tuple[float, float]:
-    """Return (logarithm of the restricted likelihood at the best v, that v) for u = ratio v.
+def _likelihood(
+    channels: Channels, basis: Array, ratio: float, time: float
+) -> tuple[float, float, float]:
+    """Return (logarithm of the restricted likelihood at the best v, that v, logarithm of the whole
+    likelihood at its best v) for u = ratio v.
 
     C/v = 1 + ratio K with the autocorrelation K, whose inverse is tridiagonal:
     C^-1 v = K^-1 (K^-1 + ratio)^-1, in a time that grows with the number of samples.
@@ -149,11 +154,12 @@ def _likelihood(channels: Channels, basis: Array, ratio: float, time: float) -> 
     x[:-1] += band[0, 1:, None] * y[1:]
     whole = channels.product(x)
     matrix, right = basis.T @ whole[1:, 1:] @ basis, basis.T @ whole[1:, 0]
-    count = channels.steps.size - matrix.shape[0]
-    left = float(whole[0, 0] - right @ np.linalg.solve(matrix, right))
-    variance_of_all = max(left, 1e-300) / count  # 1e-300: its logarithm is a number
-    determinant = float(np.linalg.slogdet(matrix)[1])
-    return -0.5 * (count * math.log(variance_of_all) + logarithm + determinant), variance_of_all
+    size, count = channels.steps.size, channels.steps.size - matrix.shape[0]
+    # 1e-300: its logarithm is a number
+    left = max(1e-300, float(whole[0, 0] - right @ np.linalg.solve(matrix, right)))
+    restricted = count * math.log(left / count) + float(np.linalg.slogdet(matrix)[1])
+    complete = size * math.log(left / size)
+    return -0.5 * (restricted + logarithm), left / count, -0.5 * (complete + logarithm)
 
 
 def covariance_of(channels: Channels, shown: Seen, error: ModelError) -> Array:
@@ -185,6 +191,8 @@ class Assessment(NamedTuple):
     residuals : of the readings over their noise
     variance : of white residuals: the sum of their squares over the degrees of freedom
     error : their covariance;  shown : what the data show;  covariance : of the coordinates
+    evidence : logarithm of their likelihood, less 1/2 ln n for each number that is fitted to the n
+        residuals. Source: Schwarz, Ann. Stat. 6 (1978) 461.
     """
 
     residuals: Array
@@ -192,6 +200,7 @@ class Assessment(NamedTuple):
     error: ModelError
     shown: Seen
     covariance: Array
+    evidence: float
 
 
 def assess(problem: FitProblem, x: Array) -> Assessment:
@@ -207,4 +216,5 @@ def assess(problem: FitProblem, x: Array) -> Assessment:
     free = max(1, white.size - x.size + len(shown.unseen))
     variance, covariance = float(white @ white) / free, covariance_of(channels, shown, error)
     residuals = problem.residuals_of(x[None], is_white=False)[0]
-    return Assessment(residuals, variance, error, shown, covariance)
+    evidence = error.likelihood - 0.5 * math.log(white.size) * (x.size + 2 * error.is_seen)
+    return Assessment(residuals, variance, error, shown, covariance, evidence)
