@@ -175,6 +175,8 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
     """{name: function} of all that a scene is asked, each {variable: (values, unit)}."""
     every, single = one.run.t_end / 4.0, one_body(one)
     fast, t = "omega_max[3]", units.time
+    # a record is one motion: the attitude is known
+    level = replace(single, start=replace(single.start, attitude=(1.0, 0.0, 0.0, 0.0)))
 
     def simulated() -> Any:
         scene, saves = observed(one, t)
@@ -303,16 +305,16 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
         return rm.linearise(single, starts=4)
 
     def fitted() -> Any:
-        ds = rm.simulate(single, members=1, save="omega", t_end=t, every=0.02 * t).isel(member=0)
+        ds = rm.simulate(level, members=1, save="omega", t_end=t, every=0.02 * t).isel(member=0)
         # errors of a sensor, so that intervals are not those of rounding
         omega = ds.omega.values + 0.01 / t * np.cos(2.0 * np.arange(ds.omega.size)).reshape(-1, 3)
         data = {"t": ds.time.values, **{f"omega[{i + 1}]": omega[:, i] for i in range(3)}}
-        found = rm.fit(single, data, "start.omega", noise={"omega": 0.01 / t}, trials=2)
+        found = rm.fit(level, data, "start.omega", noise={"omega": 0.01 / t}, trials=2)
         return {name: (found[name].values, "rad s-1") for name in ("value", "deviation")}
 
     def designed() -> Any:
         sensor, times = f"omega={0.01 / t!r}@{20.0 / t!r}", [0.5 * t, t]
-        found = rm.design(single, "start.omega", sensor, times, "start.omega.2")
+        found = rm.design(level, "start.omega", sensor, times, "start.omega.2")
         return {"deviation": (found.deviation.values, "rad s-1")}
 
     def moving() -> Any:

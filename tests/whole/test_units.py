@@ -22,7 +22,7 @@ from tests.tools import units
 from tests.tools.pure_numbers import LIMIT, LIMITS, SEEDS, answer, differences, rows
 from tests.tools.units import BINARY, KINDS, PLAIN, asked, drivers, in_units, observed
 
-QUICK = ("section", "rare, event")
+QUICK = ("section", "rare, event", "fit", "design")
 
 # what a user has of the package, beside the functions that `asked` asks
 CLOSED_FORMS = {

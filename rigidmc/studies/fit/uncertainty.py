@@ -100,9 +100,10 @@ def model_error(channels: Channels, shown: Seen) -> ModelError:
     white = _likelihood(channels, basis, 0.0, 1.0)
 
     def cost(x: Any) -> float:
-        return -_likelihood(channels, basis, math.exp(x[0]), math.exp(x[1]))[0]
+        return -_likelihood(channels, basis, math.exp(x[0]), math.exp(x[1]) * shortest)[0]
 
-    low, high = math.log(0.3 * shortest), math.log(3.0 * span)
+    # of T over the distance of samples: the first simplex of the search is a fraction of it
+    low, high = math.log(0.3), math.log(3.0 * span / shortest)
     guesses = product((-3.0, 0.0, 3.0), np.linspace(low, high, 7)[1:-1])
     best = minimize(
         cost, min(guesses, key=cost), method="Nelder-Mead", bounds=((-12.0, 16.0), (low, high)),
@@ -111,7 +112,7 @@ def model_error(channels: Channels, shown: Seen) -> ModelError:
     gain = -float(best.fun) - white[0]
     if not gain > SEEN:  # a hint of it would widen one interval in ten by a half
         return ModelError(white[1], 0.0, shortest, max(0.0, gain), white[2])
-    ratio, time = np.exp(best.x)
+    ratio, time = np.exp(best.x) * (1.0, shortest)
     _, variance, likelihood = _likelihood(channels, basis, ratio, time)
     return ModelError(variance, ratio * variance, float(time), gain, likelihood)
 
