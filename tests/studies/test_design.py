@@ -76,6 +76,14 @@ def test_information_of_sensors_adds():
     np.testing.assert_allclose(both, rates_alone + attitudes, atol=1e-12 * both.max())
 
 
+def test_sensors_are_read():
+    text = "omega=0.1 deg/s@1.16e-5+attitude = .01 @ 2e+1"
+    assert read_sensors([text, "energy=1e-3@3."], "sensor") == {
+        text: {"omega": ("0.1 deg/s", 1.16e-5), "attitude": (".01", 20.0)},
+        "energy=1e-3@3.": {"energy": ("1e-3", 3.0)},
+    }
+
+
 def test_a_bias_widens_and_belongs_to_its_own_sensor():
     sensors = ["omega=0.01@50", "attitude=0.002@10"]
     body = rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=rm.Start(omega=(0.5, 2.0, 0.4)))
@@ -308,6 +316,8 @@ def test_the_table_names_the_shortest_duration_that_suffices():
     assert (found[1] <= 2e-3).argmax() == 1 and found[0].min() > found[1].min()
     assert f"  0.002 is reached first by {way}, in 2 s" in lines
     assert any(line.startswith(f"  best: {found[1, 2]:.2g} by {way}, in 4 s") for line in lines)
+    study.deviation.values[:, 0, 1, 2] = np.nan  # of a measure that no member has
+    assert any(line.startswith(f"  best: {found[1, 1]:.2g}") for line in lines_of(study))
     study.attrs["reach"] = 1e-9
     assert "  none reaches 1e-09: measure longer, or with less noise" in lines_of(study)
 

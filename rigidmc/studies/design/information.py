@@ -47,7 +47,7 @@ from rigidmc.studies.propagate.covariance import factor_of, of_distributions
 FINER = 1, 2, 4, 8, 16, 32, 64  # divisors of the step, as in a fit
 NORMAL = {"normal", "common", "correlated"}  # distributions
 RESOLVED = 0.01  # relative change of a deviation by half the step
-_SENSOR = re.compile(r"\s*(\w+)\s*=([^@]+)@\s*(\d+\.?\d*|\.\d+)\s*")
+_SENSOR = re.compile(r"\s*(\w+)\s*=([^@]+)@\s*((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*")
 
 Sensors = dict[str, tuple[str, float]]  # {observable: (noise of a reading, readings a second)}
 

@@ -186,7 +186,7 @@ def table(study: xr.Dataset) -> list[str]:
     unit, times = str(of.unit.item()), of.duration.values
     found, low, high, unseen = (
         x.values.reshape(-1, times.size)
-        for x in (of.deviation, of.deviation_low, of.deviation_high, of.unseen)
+        for x in (of.deviation.fillna(math.inf), of.deviation_low, of.deviation_high, of.unseen)
     )
     several = 1 + (of.sizes["start"] > 1)
     ways = [", ".join((x, y)[:several]) for y in of.start.values for x in of.sensor.values]
