@@ -206,12 +206,36 @@ def test_the_mean_of_partners_is_that_of_the_posterior(nuisances):
     np.testing.assert_allclose(spread, np.eye(2), atol=0.08)  # measured .03, of 4,000
 
 
+def uncertain_body():
+    """Return a body whose size is known to 10 %, and its ratios to 2 %."""
+    mean = np.array([1.0, 2.0, 2.5])
+    spread = np.diag([0.02, 0.04, 0.05]) ** 2 + 0.01 * np.outer(mean, mean)
+    body = rm.Body(rm.Correlated(tuple(mean), tuple(map(tuple, spread))))
+    scene = rm.Scene(body, start=rm.Start(omega=(0.5, 2.0, 0.4)))
+    return scene.with_run(integrator="rk8", dt=0.02, t_end=6.0, every=6.0)
+
+
+def test_partners_have_moments_by_the_derivatives_of_a_run():
+    scene = uncertain_body()
+    mean, (sensors,) = at_means(scene), read_sensors("omega=0.05@20", "sensor").values()
+    pairs = make_pairs("mean(omega_last[1])", scene, mean, 20)
+    problem = problem_of(mean, sensors, 2.0, FREE.split(","), (), 1)
+    near = pairs._replace(z=1e-6 * pairs.z, e=np.zeros_like(pairs.e))  # one information for all
+    names = [*pairs.names, *(f"start.omega.{i}" for i in (1, 2, 3))]
+    run = {"dt": 0.01, "every": 0.05, "t_end": 2.0, "members": 1, "save": "omega"}
+    slopes = rm.simulate(mean, "rk8", wrt=tuple(names), **run).d_omega.values.reshape(6, -1) / 0.05
+    whole = slopes @ slopes.T
+    whole = whole[:3, :3] - whole[:3, 3:] @ np.linalg.inv(whole[3:, 3:]) @ whole[3:, :3]
+    known = np.eye(3) - np.linalg.inv(np.eye(3) + pairs.factor.T @ whole @ pairs.factor)
+    assert 0.1 < np.linalg.eigvalsh(known)[-1] < 0.99
+    found = near.partners(problem)
+    largest = np.abs(found).max()
+    np.testing.assert_allclose(found, near.z @ known, 0.0, 2e-6 * largest)  # measured 3e-7
+
+
 def test_a_perfect_sensor_leaves_nothing_and_a_useless_one_everything():
     """Rates hide the size of the moments, on which no rate depends."""
-    spread = np.diag([0.02, 0.04, 0.05]) ** 2 + 0.01 * np.outer([1.0, 2.0, 2.5], [1.0, 2.0, 2.5])
-    body = rm.Body(rm.Correlated((1.0, 2.0, 2.5), tuple(map(tuple, spread))))
-    scene = rm.Scene(body, start=rm.Start(omega=(0.5, 2.0, 0.4)))
-    scene = scene.with_run(integrator="rk8", dt=0.02, t_end=6.0, every=6.0)
+    scene = uncertain_body()
     of, sensors = "mean(omega_last[1])", ["omega=1e-7@20", "omega=1e4@20"]
     study = rm.design(scene, FREE, sensors, [2.0], of)
     perfect, useless = deviation(study)[:, 0]

@@ -92,7 +92,8 @@ def problem_of(
         problem = make_problem(scene, free, (), records, noise, own, threads, finer)
         parameters, x, last = problem.parameters, problem.parameters.coordinates({}), found
         sums = problem.sums(x[None])
-        found = deviations(parameters, x, seen(sums.matrix[0]), quantities(parameters))
+        shown = seen(sums.matrix[0], parameters.slopes(x))
+        found = deviations(parameters, x, shown, quantities(parameters))
         found = np.where(np.isfinite(sums.cost[0]), found, np.nan)
         if np.allclose(found, last, RESOLVED, 0.0):
             return problem
@@ -161,7 +162,10 @@ class Pairs(NamedTuple):
         x = np.stack([parameters.coordinates({k: v[at] for k, at in of.items()}) for v in values])
         sums, by_z = problem.sums(x), np.eye(parameters.size)
         by_z[places[:, None], places] = self.factor
-        turn = np.linalg.inv(np.stack([parameters.slopes(row) for row in x])) @ by_z
+        turn = np.tile(by_z, (len(x), 1, 1))  # of coordinates by z and all others
+        if parameters.mixed:
+            mixed, chain = turn[:, : parameters.mixed], parameters.chain(x).transpose(2, 0, 1)
+            mixed[:] = np.linalg.inv(chain) @ mixed
         matrix = turn.transpose(0, 2, 1) @ sums.matrix @ turn
         matrix[:, places, places] += 1.0  # known before
         unit = np.sqrt(np.einsum("mii->mi", matrix))

@@ -164,7 +164,7 @@ def compute(scene: Scene, options: DesignOptions, threads: int | None, progress:
     for i, j, k in np.ndindex(*shape[1:]):
         problem = problem_of(plain[i], sensors[j], times[k], *fixed)
         x = problem.parameters.coordinates({})
-        shown = seen(problem.sums(x[None]).matrix[0])
+        shown = seen(problem.sums(x[None]).matrix[0], problem.parameters.slopes(x))
         deviation[:, : len(names), i, j, k] = deviations(problem.parameters, x, shown, names)
         unseen[i, j, k] = "\n".join(in_words(problem.parameters, x, shown))
         if pairs:
