@@ -132,6 +132,10 @@ def test_steps_follow_a_rotor_and_a_start_at_rest():
     study = rm.design(
         pendulum, "effects.gravity.g", "attitude=0.01@50", [1.0, 2.0, 4.0], "effects.gravity.g"
     )
+    free = "effects.gravity.g,start.attitude"
+    turned = rm.design(pendulum, free, "omega=0.1@50", [1.0], "effects.gravity.g")
+    # about the vertical, by two numbers that are 0
+    assert "start.attitude.3 +0.00" in turned.unseen.item()
     found = deviation(study)[0]
     assert (found[:-1] / found[1:] > 2.0).all() and found[-1] < 0.05
 

@@ -86,7 +86,8 @@ def _sentence(names: Sequence[str], change: Array, value: Array) -> str:
             "the data show only ratios of the principal moments: one moment, the momentum of a"
             " rotor or a known torque would fix their size"
         )
-    by = 0.01 / np.abs(relative).min()  # 1 % of the largest, beside what may be near 0
+    least = np.abs(relative).min()  # 1 % of the largest, beside what may be near 0, or all be 0
+    by = 0.01 / (least if least < np.inf else np.abs(change).max())
     each = ", ".join(f"{name} {by * c:+.3g}" for name, c in zip(names, change, strict=True))
     return f"the data do not show this common change: {each}; any one of them, known, fixes it"
 
