@@ -3,6 +3,10 @@
 Coverage: random bodies spin freely for 1 to 3 s and are read at 100 Hz, 1 rad/s over .02 of noise,
 by a sensor with unknown bias and alignment. The fit knows the law of the motion, or lacks a
 quadratic drag that takes 1 to 20 % of the momentum.
+
+Calibration: truths are drawn from the prior, and their ranks among the draws of the posterior are
+uniform (Talts et al., arXiv:1804.06788). The free body has any shape, and its start is known; the
+slowed ball has any start and a damping rate from 0 on.
 """
 
 import time
@@ -12,6 +16,7 @@ from itertools import permutations
 from multiprocessing import get_context
 
 import numpy as np
+from scipy import stats
 from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
@@ -161,10 +166,65 @@ def gauge_of(name):
     return {"gauge": name, "unseen": found, "asked": number, "right": right, "text": text}
 
 
+POSTERIORS = "free body", "slowed ball"
+RATE = "effects.viscous_damping.rate"
+
+
+def ranks_of(seed, name):
+    """Return the row of a truth: its ranks among the draws, from 0 to 1."""
+    random = np.random.default_rng([seed, 7])
+    t = np.arange(0.0, 2.0, 0.05)
+    if name == POSTERIORS[0]:
+        share = random.dirichlet([1.0, 1.0, 1.0])
+        body, start, free = (
+            rm.Body(tuple(1.0 - share)),
+            rm.Start(omega=(3.0, 4.0, 5.0)),
+            "body.moments",
+        )
+        scene = rm.Scene(body, start=start)
+        moments = 1.0 - share
+        truth = {f"body.moments.{i + 1}/body.moments.3": moments[i] / moments[2] for i in (0, 1)}
+        guess, limits = scene, {}
+    else:
+        omega, rate = random.uniform(-3.0, 3.0, 3), random.uniform(0.0, 0.5)
+        truth = {RATE: rate} | {f"start.omega.{k + 1}": omega[k] for k in range(3)}
+        scene, guess = (
+            rm.Scene(rm.Body((1.0, 1.0, 1.0)), rm.ViscousDamping(k), start=rm.Start(omega=w))
+            for k, w in ((rate, tuple(omega)), (0.2, (1.0, 1.0, 1.0)))
+        )
+        limits = {RATE: (0.0, 0.5)} | {f"start.omega.{k + 1}": (-3.0, 3.0) for k in range(3)}
+        free = f"start.omega,{RATE}"
+    ds = moved(scene, float(t[-1]), 0.05)
+    table = table_of(
+        ds.time.values, ds.omega.values[:, :, 0] + 0.2 * random.normal(size=(t.size, 3))
+    )
+    words = {"posterior": "emcee", "chains": 2, "trials": 8, "noise": {"omega": 0.2}, "threads": 1}
+    study = rm.fit(guess, table, free, **words)
+    drawn = {str(q): study.drawn.sel(quantity=q).values.ravel() for q in study.quantity.values}
+    inside = np.ones(study.lp.size, bool)
+    for key, (low, high) in limits.items():  # the prior of the truths ends there
+        inside &= (drawn[key] > low) & (drawn[key] < high)
+    ranks = [float(np.mean(drawn[key][inside] < x)) for key, x in truth.items()]
+    return {
+        "posterior": name,
+        "seed": seed,
+        "ranks": ranks,
+        "converged": int(study.attrs["converged"]),
+    }
+
+
+def chi_square(ranks, bins):
+    """Return the probability of counts in bins that are as uneven, for each column of ranks."""
+    ranks = np.asarray(ranks)
+    counts = np.stack([np.histogram(x, bins, (0.0, 1.0))[0] for x in ranks.T])
+    expected = len(ranks) / bins
+    return stats.chi2.sf(((counts - expected) ** 2 / expected).sum(1), bins - 1)
+
+
 def both(job):
     """Return the row of a job, in a process of its own."""
     kind, *rest = job
-    return fit_one(*rest) if kind == "fit" else gauge_of(*rest)
+    return {"fit": fit_one, "gauge": gauge_of, "ranks": ranks_of}[kind](*rest)
 
 
 def run(quick):
@@ -172,6 +232,7 @@ def run(quick):
     count = 8 if quick else 200
     jobs = [("gauge", name) for name in GAUGES]
     jobs += [("fit", seed, law) for law in LAWS for seed in range(count)]
+    jobs += [("ranks", seed, name) for name in POSTERIORS for seed in range(count)]
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         return list(pool.map(both, jobs))
 
@@ -189,6 +250,12 @@ def report(rows):
         some = [row for row in rows if row.get("law") == law]
         if some:
             harness_lines(law, some)
+    for name in POSTERIORS:
+        some = [row for row in rows if row.get("posterior") == name]
+        if some:
+            chance = chi_square([row["ranks"] for row in some], max(2, len(some) // 10))
+            print(f"ranks of {name}: {len(some)} truths, chi-square by chance {chance.round(2)},"
+                  f" {np.mean([row['converged'] for row in some]):.1%} converged")  # fmt: skip
 
 
 def harness_lines(law, rows):

@@ -53,7 +53,10 @@ from rigidmc.runs.prepare import PreparedRun
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.fit.answers import best_of, grown, merged, upright
 from rigidmc.studies.fit.dataset import AXES, VARIABLES, dataset_of
+from rigidmc.studies.fit.draws import DRAWS, draw, lines_of, save_groups
 from rigidmc.studies.fit.missing import candidates
+from rigidmc.studies.fit.posterior import SAMPLERS, package
+from rigidmc.studies.fit.prior import Prior
 from rigidmc.studies.fit.problem import LOSSES, FitProblem
 from rigidmc.studies.fit.records import Record, read_columns_option
 from rigidmc.studies.fit.setup import make_problem, read_noise, records_of
@@ -108,6 +111,14 @@ def read_loss(value: Any, at: str) -> str:
     """Return the name of a loss; OptionError."""
     if value not in LOSSES:
         raise unknown("loss", LOSSES, at=at, value=value, error=OptionError)
+    return str(value)
+
+
+def read_sampler(value: Any, at: str) -> str:
+    """Return the name of a sampler whose package is installed; OptionError."""
+    if value not in SAMPLERS:
+        raise unknown("sampler", SAMPLERS, at=at, value=value, error=OptionError)
+    package(SAMPLERS[value][0])
     return str(value)
 
 
@@ -179,6 +190,14 @@ class FitOptions(Options):
         None, "free parameters that differ between records, beside [start]", is_new=True
     )
     trials: int = option(100, "first guesses; by default 100", is_new=True)
+    posterior: str | None = option(
+        None, "draw the posterior by emcee, or for many parameters by nuts", reader=read_sampler
+    )
+    draws: int = option(1000, "draws of each chain; by default 1000")
+    chains: int = option(4, "independent chains; by default 4", least=2)
+    pool: Names | None = option(
+        None, "parameters of --each that records draw from one distribution", metavar="NAME,..."
+    )
     confidence: float = confidence_option("confidence of the intervals")
 
 
@@ -277,6 +296,10 @@ def reduce(
     run: PreparedRun, request: Request, done: dict[int, TaskArrays], options: FitOptions
 ) -> xr.Dataset:
     """Return the Dataset of the ends of the trials."""
+    if options.pool and not options.posterior:
+        raise OptionError("needs a posterior: --posterior nuts", at="pool", value=options.pool)
+    if options.posterior and request["loss"] != "linear":
+        raise OptionError("needs the loss linear: others have no likelihood", at="posterior")
     scene, records = run.scene, records_of_request(request)
     finer = max(int(batch["finer"][0]) for batch in done.values())
     x, is_settled, ends = (
@@ -302,6 +325,11 @@ def reduce(
     found = assess(problem, at)
     torques = candidates(scene, problem, at, found, make)
     made = dataset_of(scene, problem, solution, found, torques, options.confidence)
+    if options.posterior:
+        prior = Prior(problem.parameters, at, found.shown, options.pool or ())
+        how = options.posterior, options.chains, options.draws, scene.run.seed, made.unit.values
+        drawn = draw(problem, found.error, [*solution.x], prior, *how)
+        made = made.merge(drawn, combine_attrs="no_conflicts")
     trials = {"trials": request["trials"], "settled": int(ends[is_settled > 0].sum())}
     return made.assign_attrs(notes="\n".join(request["notes"]), **trials)
 
@@ -345,7 +373,8 @@ def table(study: xr.Dataset) -> list[str]:
     for name, value, deviation, unit in rows:
         line = f"  {name:{widths[0]}}  {value:>{widths[1]}}  {deviation:>{widths[2]}}  {unit}"
         lines.append(line.rstrip())
-    return lines + _other_answers(study) + _missing(study)
+    lines += _other_answers(study) + _missing(study)
+    return lines + (lines_of(study, in_digits) if "drawn" in study else [])
 
 
 def _is_moment(study: xr.Dataset) -> NDArray[np.bool_]:
@@ -441,12 +470,13 @@ fit = Study(
     settings=("seed",),
     source="the run directory of an existing study",
     table=table,
-    variables=VARIABLES,
+    variables=(*VARIABLES, *DRAWS),
     picture="pictures",
     picture_options=DataOptions,
     files={
         "scene": OutputFile("scenes", "write the fitted scene (.toml)", save_scene),
         "page": OutputFile("pages", "write the body beside its readings (.html)", save_page),
+        "arviz": OutputFile("netCDF files", "write draws as groups of ArviZ (.nc)", save_groups),
     },
     scene_text="a scene, its file, or the name of a shipped scene: the body and its torques, with"
     " first guesses of the free parameters",
