@@ -11,11 +11,12 @@ from bench import fits
 from rigidmc.engine import program
 from rigidmc.engine.program import Program
 from rigidmc.studies.fit.answers import grown, growth, merged, upright
+from rigidmc.studies.fit.balance import balance, windows_of
 from rigidmc.studies.fit.missing import Law, covariance_of
 from rigidmc.studies.fit.parameters import PAIRS, left_jacobian
 from rigidmc.studies.fit.setup import make_problem, records_of
 from rigidmc.studies.fit.solve import Solution, minimise, polish
-from rigidmc.studies.fit.starts import balance, make_starts
+from rigidmc.studies.fit.starts import make_starts
 from rigidmc.studies.fit.uncertainty import ModelError, _basis, _likelihood, by_channel, model_error
 from rigidmc.studies.fit.uncertainty import covariance_of as covariance_by_channel
 from rigidmc.studies.fit.visible import seen
@@ -252,7 +253,7 @@ def test_long_records_are_fitted_from_their_beginning(kind):
 def test_the_balance_of_momentum_is_a_body():
     t, read = record(1e-6)
     turn = Rotation.from_rotvec([0.5, -0.2, 0.8]).as_matrix()
-    found = balance([(t, read @ turn.T)], whole=True)
+    (found,) = balance(windows_of([(t, read @ turn.T)]), whole=True)
     tensor = turn @ np.diag(MOMENTS) @ turn.T
     np.testing.assert_allclose(found / np.trace(found), tensor / np.trace(tensor), atol=2e-3)
 

@@ -14,7 +14,7 @@ from rigidmc.physics.effects import label_effects, name_of
 from rigidmc.physics.effects.damping import AxialDamping, DryFriction, QuadraticDrag, ViscousDamping
 from rigidmc.physics.effects.torques import BodyTorque
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.fit.answers import best_of
+from rigidmc.studies.fit.answers import best_of, upright
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.solve import minimise
 from rigidmc.studies.fit.starts import make_starts
@@ -128,6 +128,7 @@ def candidates(
             trial[:] = parameters.coordinates({name: np.array(getattr(unit, field)) * size})
             trial[places] = x
         solution = minimise(larger, np.clip(trials, parameters.low, parameters.high))
+        solution = upright(larger, solution)
         end = solution.x[best_of(larger, solution)]
         more = assess(larger, end)
         fitted = parameters.values(end)[parameters.places_of(name)[0]].tolist()

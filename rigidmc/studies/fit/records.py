@@ -38,14 +38,7 @@ _FACTOR = re.compile(r"(-?)(?:(\d[\d.]*(?:[eE][-+]?\d+)?)(?:\*|$))?(.*)")
 _OTHER = re.compile(r"(total)?(accel|gravity|magnet|orient|baro|location)", re.IGNORECASE)
 
 
-class ColumnsOf(NamedTuple):
-    """The columns of an observable.
-
-    names : of its components, in order;  unit : of all, "" if their names state it
-    """
-
-    names: tuple[str, ...]
-    unit: str
+Columns = tuple[tuple[str, ...], str]  # of an observable, and their unit: "" if names state it
 
 
 class Record(NamedTuple):
@@ -53,14 +46,14 @@ class Record(NamedTuple):
 
     name : in messages and results
     times : of each observable [s], as measured;  values : (samples, components) in SI units
-    wheel : (times, momenta (samples, 3)) of a measured wheel
+    wheel : its times and momenta (samples, 3), if one is measured
     notes : about its table, in sentences
     """
 
     name: str
     times: Mapping[str, Array]
     values: Mapping[str, Array]
-    wheel: tuple[Array, Array] | None = None
+    wheel: Mapping[str, Array] = {}
     notes: tuple[str, ...] = ()
 
     @property
@@ -69,37 +62,32 @@ class Record(NamedTuple):
         return min(t[0] for t in self.times.values()), max(t[-1] for t in self.times.values())
 
 
-def read_columns_option(value: Any, at: str) -> dict[str, ColumnsOf]:
+def read_columns_option(value: Any, at: str) -> dict[str, Columns]:
     """Return {observable: its columns} of texts NAME=A,B,C[:UNIT], or of a mapping of names, or of
     (names, unit); OptionError."""
-    if value is None:
-        return {}
-    if isinstance(value, str):
-        value = (value,)
-    if not isinstance(value, Mapping):
-        pairs = [str(text).partition("=")[::2] for text in value]
-        value = {name.strip(): words for name, words in pairs}
-    return {name: _columns_of(name, words, at) for name, words in value.items()}
-
-
-def _columns_of(observable: str, words: Any, at: str) -> ColumnsOf:
-    unit = ""
-    if isinstance(words, str):
-        words, _, unit = words.partition(":")
-        words = [word.strip() for word in words.split(",")]
-    elif len(words) == 2 and not isinstance(words[0], str):
-        words, unit = words
-    if not observable or not all(isinstance(word, str) and word for word in words):
-        rule = "expected OBSERVABLE=COLUMN,...[:UNIT], e.g. omega=gx,gy,gz:deg/s"
-        raise OptionError(rule, at=at, value=words)
-    if unit:
-        unit_of(unit, at)
-    return ColumnsOf(tuple(words), unit)
+    texts = (value,) if isinstance(value, str) else value or {}
+    if not isinstance(texts, Mapping):
+        texts = dict(str(text).partition("=")[::2] for text in texts)
+    found = dict[str, Columns]()
+    for name, words in texts.items():
+        names, unit = words, ""
+        if isinstance(words, str):
+            words, _, unit = words.partition(":")
+            names = [word.strip() for word in words.split(",")]
+        elif len(words) == 2 and not isinstance(words[0], str):
+            names, unit = words
+        if not name.strip() or not all(isinstance(word, str) and word for word in names):
+            rule = "expected OBSERVABLE=COLUMN,...[:UNIT], e.g. omega=gx,gy,gz:deg/s"
+            raise OptionError(rule, at=at, value=words)
+        if unit:
+            unit_of(unit, at)
+        found[name.strip()] = tuple(names), unit
+    return found
 
 
 def read_records(
     data: Any,
-    columns: Mapping[str, ColumnsOf],
+    columns: Mapping[str, Columns],
     units: Mapping[str, str],
     sizes: Mapping[str, int],
     time: str | None = None,
@@ -165,38 +153,34 @@ def _table(data: Any) -> dict[str, Any]:
 
 def _of_dataset(data: Any) -> dict[str, Any]:
     """Return the columns of a Dataset with the dimension time."""
-    columns = {}
+    data, columns = data.squeeze(), {}
     for name, variable in data.variables.items():
-        if "time" not in variable.dims:
-            continue
-        other = [
-            n for n in variable.dims if n not in ("time", "axis", "quat") and data.sizes[n] > 1
-        ]
-        if other:
-            rule = f"{name} has {data.sizes[other[0]]} values of {other[0]}: select one"
-            raise OptionError(rule, at="data", value=str(name))
-        values = variable.transpose("time", ...).values
-        columns[str(name)] = values.reshape(len(values), -1) if values.ndim > 1 else values
+        if "time" in variable.dims:
+            for other in set(variable.dims) - {"time", "axis", "quat"}:
+                rule = f"{name} has {data.sizes[other]} values of {other}: select one"
+                raise OptionError(rule, at="data", value=str(name))
+            columns[str(name)] = variable.transpose("time", ...).values
     return _vectors(columns)
 
 
 def _vectors(columns: Mapping[str, Any]) -> dict[str, Any]:
     """Return columns of numbers, or why they are none, of the same length: NAME[1], ... of vectors;
     OptionError."""
-    made, rows = dict[str, Any](), {len(np.atleast_1d(x)) for x in columns.values()}
-    if len(rows) > 1:
-        each = ", ".join(f"{name} {len(np.atleast_1d(x))}" for name, x in columns.items())
+    lengths = {name: np.size(x) if np.ndim(x) < 2 else len(x) for name, x in columns.items()}
+    if len(set(lengths.values())) > 1:
+        each = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise OptionError(f"columns differ in length: {each}", at="data")
+    made = dict[str, Any]()
     for name, x in columns.items():
         if x.dtype.kind in "mM":  # a time, or a time since 1970
             x = np.where(np.isnat(x), np.nan, x.astype(f"{x.dtype.kind}8[ns]").astype(float) * 1e-9)
         try:
-            x = x.astype(float)
+            parts = x.astype(float).reshape(lengths[name], -1).T
         except (TypeError, ValueError):
             made[name] = "has text, not numbers"
             continue
-        parts = {f"{name}[{i + 1}]": part for i, part in enumerate(x.T)} if x.ndim == 2 else {}
-        made |= parts if x.ndim == 2 and x.shape[1] > 1 else {name: x.ravel()}
+        several = len(parts) > 1
+        made |= {f"{name}[{i + 1}]" if several else name: part for i, part in enumerate(parts)}
     return made
 
 
@@ -205,19 +189,19 @@ def _bare(name: str) -> str:
     return re.sub(r"[\s_.\-]", "", _SUFFIX.sub("", _IN_BRACKETS.sub("", name))).lower()
 
 
-def _found(table: Mapping[str, Any], sizes: Mapping[str, int], file: str) -> dict[str, ColumnsOf]:
+def _found(table: Mapping[str, Any], sizes: Mapping[str, int], file: str) -> dict[str, Columns]:
     """Return the columns of the observables that a table names; OptionError without any."""
     found = {}
     for name, size in sizes.items():
         names = (name,) if size == 1 else tuple(f"{name}[{i + 1}]" for i in range(size))
         if set(names) <= table.keys():
-            found[name] = ColumnsOf(names, "")
+            found[name] = names, ""
     for pattern in _RATES:
         matches = [(match[1], name) for name in table if (match := pattern.fullmatch(_bare(name)))]
         names = tuple(name for _, name in sorted(matches))
         is_other = pattern is _RATES[-1] and _OTHER.match(file)  # Accelerometer.csv has x, y and z
         if not found and len(names) == 3 == len(dict(matches)) and not is_other:
-            found["omega"] = ColumnsOf(names, "")
+            found["omega"] = names, ""
     if not found:
         rule = (
             f"no column has the name of an observable; columns: {', '.join(list(table)[:12])}."
@@ -280,7 +264,7 @@ def _product(table: Mapping[str, Any], word: str, unit: str, wanted: str) -> Arr
 
 
 def _records(
-    table: Mapping[str, Any], t: Array, columns: Mapping[str, ColumnsOf], units: Mapping[str, str],
+    table: Mapping[str, Any], t: Array, columns: Mapping[str, Columns], units: Mapping[str, str],
     sizes: Mapping[str, int], split: str | None, between: Sequence[tuple[float, float]], name: str,
 ) -> Iterator[Record]:  # fmt: skip
     """Yield the records of a table with the times t."""
@@ -291,9 +275,7 @@ def _records(
         if len(names) != sizes[observable]:
             rule = f"{observable} has {sizes[observable]} components, but {len(names)} columns"
             raise OptionError(rule, at="columns", value=",".join(names))
-        parts = []
-        for word in names:
-            parts.append(_product(table, word, unit, units[observable]))
+        parts = [_product(table, word, unit, units[observable]) for word in names]
         values[observable] = np.stack(parts, axis=1)
     groups = [(name, np.isfinite(t))]
     if split is not None:
@@ -311,7 +293,6 @@ def _record(name: str, rows: Any, t: Array, values: Mapping[str, Array]) -> Reco
 
     rows : of the samples in the table, from 1
     """
-    wheel, values = values.get(WHEEL), {k: x for k, x in values.items() if k != WHEEL}
     rises = np.diff(t) > 0.0
     if not rises.all():
         i = int(np.argmin(rises))
@@ -322,17 +303,14 @@ def _record(name: str, rows: Any, t: Array, values: Mapping[str, Array]) -> Reco
         raise OptionError(rule, at="time")
     times, samples = {}, {}
     for observable, x in values.items():
-        has_one = np.isfinite(x).any(1)
-        if np.count_nonzero(has_one) < 2:
-            rule = f"{name} has {np.count_nonzero(has_one)} samples of {observable}: needs two"
+        is_there = np.isfinite(x).all(1) if observable == WHEEL else np.isfinite(x).any(1)
+        if np.count_nonzero(is_there) < 2:
+            rule = f"{name} has {np.count_nonzero(is_there)} samples of {observable}: needs two"
             raise OptionError(rule, at="data")
-        times[observable], samples[observable] = t[has_one], x[has_one]
-    if wheel is None:
+        times[observable], samples[observable] = t[is_there], x[is_there]
+    if WHEEL not in times:
         return Record(name, times, samples)
-    known = np.isfinite(wheel).all(1)
-    if np.count_nonzero(known) < 2:
-        raise OptionError(f"{name} has no momenta of the wheel", at="columns")
-    return Record(name, times, samples, (t[known], wheel[known]))
+    return Record(name, times, samples, {"t": times.pop(WHEEL), "momenta": samples.pop(WHEEL)})
 
 
 def _factor(name: str, unit: str, wanted: str) -> float:

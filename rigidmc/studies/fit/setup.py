@@ -15,7 +15,7 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.varied import nominal_of, variables
 from rigidmc.studies.fit.parameters import MOMENTS, FitParameters
 from rigidmc.studies.fit.problem import FitProblem
-from rigidmc.studies.fit.records import WHEEL, ColumnsOf, Record, read_records
+from rigidmc.studies.fit.records import WHEEL, Columns, Record, read_records
 from rigidmc.studies.fit.streams import NUISANCES, Stream, high_frequency_noise, kind_of, padded
 from rigidmc.studies.fit.wheel import with_wheel
 
@@ -28,7 +28,7 @@ _ONE_STEP = 1e-9  # relative: the last sample may lie on the last save, rounded
 def records_of(
     scene: Scene,
     data: Any,
-    columns: Mapping[str, ColumnsOf],
+    columns: Mapping[str, Columns],
     time: str | None,
     split: str | None,
     between: Sequence[tuple[float, float]],

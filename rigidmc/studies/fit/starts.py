@@ -1,27 +1,16 @@
-"""First trials of a fit: bodies from the balance of angular momentum, and random ones around.
-
-Rates of a body obey, over any interval,
-
-    I [omega] + integral of omega x I omega dt + k I integral of omega dt = integral of the torque
-
-with a rate k of linear damping. Without a torque this is linear and homogeneous in the six numbers
-of the tensor I in the axes of the sensor: its least singular vector is the body, up to a factor.
-It needs no start and no motion, and so has no wrong minimum.
-Source: Manchester & Peck, AIAA GNC (2016) 1366; Ljung, System Identification (1999), 7.3.
-"""
+"""First trials of a fit: bodies from the balance of angular momentum, and random ones around."""
 
 from collections.abc import Mapping
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from rigidmc.studies.fit.balance import balance, windows_of
 from rigidmc.studies.fit.parameters import MOMENTS, FitParameters
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.streams import Array, Stream
 
 DRAWN = 64  # trials that are drawn together
-WINDOWS = 6  # of a record: each balance averages the noise of a sixth of its samples
-DAMPING = (0.0, 0.03, 0.1, 0.2, 0.4)  # rates tried, in units of 1/(length of a record)
 MEASURED = 0.02  # relative spread of a start that is measured
 SPREAD = 1.0  # standard deviation of ln J and of the logarithm of positive numbers
 
@@ -104,8 +93,8 @@ def _body(
 ) -> dict[str, Array]:
     """Return the principal moments, and the alignment of the sensor if it is free."""
     is_turned = any(c.word == "alignment" and c.stream == place for c in parameters.columns)
-    records = list(zip(stream.times, stream.values, strict=True))
-    tensor = balance(records, whole=is_turned)
+    windows = windows_of(list(zip(stream.times, stream.values, strict=True)))
+    tensor = balance(windows, whole=is_turned)[0] if windows else None
     if tensor is None:
         return {}
     scale = np.trace(np.diag(parameters.nominal[MOMENTS])) / np.trace(tensor)
@@ -121,51 +110,3 @@ def _body(
     if "start.omega" in values:
         found["start.omega"] = values["start.omega"] @ best.as_matrix()
     return found
-
-
-def balance(records: list[tuple[Array, Array]], whole: bool) -> Array | None:
-    """Return the tensor, up to a factor, that balances angular momentum best; None if it is not a
-    body.
-
-    records : (times, rates) of each;  whole : all six numbers, or the three of principal axes
-    """
-    best: tuple[float, Array] | None = None
-    for damping in DAMPING:
-        rows = np.concatenate([_rows(t, w, damping, whole) for t, w in records])
-        _, size, vectors = np.linalg.svd(rows, full_matrices=False)
-        if best is None or size[-1] < best[0]:
-            best = size[-1], vectors[-1]
-    assert best is not None
-    x = best[1]
-    tensor = np.diag(x[:3])
-    if whole:
-        tensor[[0, 0, 1], [1, 2, 2]] = tensor[[1, 2, 2], [0, 0, 1]] = x[3:]
-    tensor *= np.sign(np.trace(tensor))
-    second = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-    values, axes = np.linalg.eigh(second)
-    if values[-1] <= 0.0:
-        return None
-    # Noise may ask for a second moment below 0: the nearest body has a small one.
-    second = (axes * np.maximum(values, 1e-2 * values[-1])) @ axes.T
-    return np.asarray(np.trace(second) * np.eye(3) - second)
-
-
-def _rows(t: Array, omega: Array, damping: float, whole: bool) -> Array:
-    """Return the balance of angular momentum over windows of a record, as rows of numbers that
-    multiply I11, I22, I33 (I12, I13, I23)."""
-    sound = np.isfinite(t) & np.isfinite(omega).all(1)
-    t, omega = t[sound], omega[sound]
-    x, y, z = omega.T
-    o = np.zeros_like(x)
-    momentum = [np.stack(v, 1) for v in ((x, o, o), (o, y, o), (o, o, z))]
-    if whole:
-        momentum += [np.stack(v, 1) for v in ((y, x, o), (z, o, x), (o, z, y))]
-    length, columns = t[-1] - t[0], []
-    width = max(1, (t.size - 1) // WINDOWS)
-    for l in momentum:  # by each number of the tensor
-        rate = np.cross(omega, l) + damping / length * l
-        middle = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)[:, None]
-        integral = np.vstack([np.zeros(3), np.cumsum(middle, axis=0)])
-        total = l + integral
-        columns.append((total[width:] - total[:-width]).ravel())
-    return np.stack(columns, axis=1)

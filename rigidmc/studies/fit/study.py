@@ -244,7 +244,7 @@ def start(
     problem = problem_of(scene, {**request, "noise": options.noise}, records, 1)
     request |= {"notes": notes, "noise": read_noise(problem.run, options.noise)}
     request["records"] = [
-        [one.name, *({n: x.tolist() for n, x in part.items()} for part in one[1:3])]
+        [one.name, *({n: x.tolist() for n, x in part.items()} for part in one[1:4])]
         for one in records
     ]
     return scene, request
@@ -256,7 +256,10 @@ def records_of_request(request: Request) -> list[Record]:
     def arrays(part: Mapping[str, Any]) -> dict[str, Array]:
         return {name: np.array(x) for name, x in part.items()}
 
-    return [Record(name, arrays(t), arrays(values)) for name, t, values in request["records"]]
+    return [
+        Record(name, arrays(t), arrays(values), arrays(wheel))
+        for name, t, values, wheel in request["records"]
+    ]
 
 
 def problem_of(

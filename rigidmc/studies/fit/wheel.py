@@ -21,8 +21,7 @@ def with_wheel(scene: Scene, records: Sequence[Record]) -> tuple[Scene, dict[str
 
     The pieces fit the readings by least squares.
     """
-    wheels = [record.wheel for record in records if record.wheel]
-    if not wheels:
+    if not records[0].wheel:
         return scene, {}
     spans = [record.span[1] - record.span[0] for record in records]
     nodes = np.linspace(0.0, max(spans), PIECES + 1)
@@ -30,10 +29,11 @@ def with_wheel(scene: Scene, records: Sequence[Record]) -> tuple[Scene, dict[str
     effects, inputs = list(scene.effects), dict[str, Array]()
     for axis in np.eye(3):
         heights = np.zeros((len(records), PIECES + 1))
-        for row, span, record, (seen, momenta) in zip(heights, spans, records, wheels, strict=True):
+        for row, span, record in zip(heights, spans, records, strict=True):
             t = np.linspace(0.0, span, 8 * PIECES + 1)
             roofs = np.maximum(0.0, 1.0 - np.abs(t[:, None] - nodes) / nodes[1])
-            curve = np.interp(t + record.span[0], seen, momenta @ axis)
+            momenta = record.wheel["momenta"] @ axis
+            curve = np.interp(t + record.span[0], record.wheel["t"], momenta)
             wanted = np.concatenate([curve, np.zeros(len(bends))])
             row[:] = np.linalg.lstsq(np.concatenate([roofs, bends]), wanted, rcond=None)[0]
         if heights.any():
