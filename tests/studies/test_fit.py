@@ -297,9 +297,9 @@ def test_the_error_of_residuals_has_the_likelihood_of_dense_matrices():
         matrix = design.T @ inverse @ design
         left = residuals @ inverse @ residuals
         right = design.T @ inverse @ residuals
+        whole = 80 * np.log(left / 80) + np.linalg.slogdet(dense(ratio, time))[1]
         left -= right @ np.linalg.solve(matrix, right)
         terms = 77 * np.log(left / 77) + np.linalg.slogdet(dense(ratio, time))[1]
-        whole = 80 * np.log(left / 80) + np.linalg.slogdet(dense(ratio, time))[1]
         return -0.5 * (terms + np.linalg.slogdet(matrix)[1]), left / 77, -0.5 * whole
 
     for ratio, time in ((0.0, 1.0), (0.7, 0.3), (20.0, 5.0)):

@@ -141,7 +141,7 @@ def _likelihood(
     channels: Channels, basis: Array, ratio: float, time: float
 ) -> tuple[float, float, float]:
     """Return (logarithm of the restricted likelihood at the best v, that v, logarithm of the whole
-    likelihood at its best v) for u = ratio v.
+    likelihood at its best v and without a further step) for u = ratio v.
 
     C/v = 1 + ratio K with the autocorrelation K, whose inverse is tridiagonal:
     C^-1 v = K^-1 (K^-1 + ratio)^-1, in a time that grows with the number of samples.
@@ -159,7 +159,8 @@ def _likelihood(
     # 1e-300: its logarithm is a number
     left = max(1e-300, float(whole[0, 0] - right @ np.linalg.solve(matrix, right)))
     restricted = count * math.log(left / count) + float(np.linalg.slogdet(matrix)[1])
-    complete = size * math.log(left / size)
+    # where the fit ends: a step beyond would drive a body by a drag below 0
+    complete = size * math.log(max(1e-300, float(whole[0, 0])) / size)
     return -0.5 * (restricted + logarithm), left / count, -0.5 * (complete + logarithm)
 
 
