@@ -73,8 +73,8 @@ def test_the_jitter_has_the_likelihood_of_the_whole_covariance():
     raw = problem.compared(truth[None], is_white=False)[0]
     rate = raw[..., 1, 0] * NOISE / problem.every
     right = FitProblem(problem.run, problem.parameters, [stream._replace(rates=rate)], 1)
-    assert np.mean(right.jacobian(truth)[0] ** 2) == pytest.approx(1.0, abs=0.15)  # measured 1.01
-    assert np.mean(raw[..., 0, 0] ** 2) > 100.0
+    assert np.mean(right.jacobian(truth)[0] ** 2) == pytest.approx(1.0, abs=0.15)  # measured 0.975
+    assert np.mean(raw[..., 0, 0] ** 2) > 100.0  # measured 271
 
 
 @pytest.mark.parametrize("loss", LOSSES)
@@ -102,19 +102,19 @@ def test_pseudo_residuals_are_slopes_of_the_cost(loss):
 
 
 def test_the_jitter_of_time_stamps_is_found():
-    table = fits.table_of(*jittered(1))
+    table = fits.table_of(*jittered(4))
     plain = rm.fit(SCENE, table, FREE, trials=4)
     study = rm.fit(SCENE, table, FREE, nuisances="jitter", trials=4)
     size, deviation = float(study.jitter[0]), float(study.jitter_deviation[0])
     # each of 401 times has an error of its own: 1/sqrt(2*401) = 3.5 %
     assert deviation == pytest.approx(0.035 * TAU, rel=0.15)
-    assert abs(size - TAU) < 3.0 * deviation  # measured 0.6
+    assert abs(size - TAU) < 3.0 * deviation  # measured 0.4
     np.testing.assert_allclose(study.noise.values[:3], NOISE, rtol=0.15)
-    assert np.abs(off_of(study)).max() < 3.0  # measured 1.6
-    assert plain.noise.values.min() > 10.0 * NOISE
-    # what the rates say across their changes is 150 times as certain
+    assert np.abs(off_of(study)).max() < 3.0  # measured 0.8
+    assert plain.noise.values.min() > 8.0 * NOISE  # measured 12.5
+    # across their changes, the rates are as certain as without jitter
     gain = plain.ratio_deviation.values[:2, 2] / study.ratio_deviation.values[:2, 2]
-    assert gain.min() > 3.0  # measured 4.6
+    assert gain.min() > 3.0  # measured 4.8
     assert any("omega.jitter" in line for line in lines_of(study))
     # data less model is what it was: the errors of times are not taken out
     spread = [float(np.std(one.data - one.model)) for one in (study, plain)]
@@ -123,7 +123,7 @@ def test_the_jitter_of_time_stamps_is_found():
 
 def test_no_jitter_is_found_where_there_is_none():
     study = rm.fit(SCENE, fits.table_of(*record()), FREE, nuisances="jitter", trials=4)
-    assert float(study.jitter[0]) < 3.0 * float(study.jitter_deviation[0])
+    assert float(study.jitter[0]) < 0.03 * TAU  # measured 0.011
     np.testing.assert_allclose(study.noise.values[:3], NOISE, rtol=0.1)
     plain = rm.fit(SCENE, fits.table_of(*record()), FREE, trials=4)
     np.testing.assert_allclose(
@@ -223,7 +223,7 @@ def test_a_fast_motion_between_readings_is_no_noise():
     read = ds.omega.values[:, :, 0] + 0.01 * np.random.default_rng(0).normal(size=(61, 3))
     table = fits.table_of(ds.time.values, read)
     first = problem_of(table, noise=None, scene=scene).streams[0].noise
-    assert first.min() > 0.02  # measured 0.05
+    assert first.min() > 0.03  # measured 0.050
     guess = rm.Scene(rm.Body((1.1, 2.0, 2.4)), start=rm.Start(omega=(1.0, 1.0, 1.0)))
     study = rm.fit(guess, table, FREE, trials=20)
     np.testing.assert_allclose(study.noise.values[:3], 0.01, rtol=0.3)  # 1/sqrt(60) = 13 %

@@ -94,7 +94,7 @@ class SumSink(Sink):
         return Samples(
             saves=job.out.reshape(-1)[first:],
             times=problem.times[i],
-            values=np.ascontiguousarray(stream.values),
+            values=np.ascontiguousarray(problem.values[i]),
             weights=problem.weights[i],
             record=self.record[some],
             sensor=np.ascontiguousarray(self.sensors[i][:, some]),
@@ -149,7 +149,10 @@ class FitProblem:
         self.weights = [stream.weights() for stream in streams]
         self.along = [stream.along() for stream in streams]
         # as whole arrays without nan: a missing value has the weight 0
-        self.times = [np.nan_to_num(stream.times) / self.every for stream in streams]
+        self.times = [
+            np.nan_to_num(s.times + np.sum(s.shifts, axis=-1)) / self.every for s in streams
+        ]
+        self.values = [s.values + s.rates * s.shifts for s in streams]
         self.columns_of = np.full((len(streams), OF_NUISANCES), -1)
         for column in parameters.columns:
             if column.word:

@@ -44,6 +44,7 @@ class Nuisance(NamedTuple):
 
 OUTLIER = 9.0  # medians: six standard deviations
 ROUNDS = 100  # of steps to the largest likelihood
+LEAST = 0.1  # of the mean variance of the channels of a sensor
 SAME, LOWER = 0.03, 0.9  # changes of noise that change no weight much
 ANY = 0, VECTOR, ATTITUDE
 NUISANCES = {
@@ -72,7 +73,8 @@ class Stream(NamedTuple):
     noise : standard deviation of each channel, in the unit of the observable; nan if unknown
     nuisances : names of NUISANCES
     is_estimated : whether the noise is found from the readings
-    has_jitter : whether their times have errors, then `jitter`, at the `rates` of the model [1/s]
+    has_jitter : whether their times have errors, then `jitter`
+    rates, shifts : of the model at the samples [1/s], and the likeliest errors of their times [s]
     """
 
     observable: str
@@ -85,6 +87,7 @@ class Stream(NamedTuple):
     has_jitter: bool = False
     jitter: Jitter = Jitter()
     rates: Array | float = 0.0
+    shifts: Array | float = 0.0
 
     @property
     def channels(self) -> int:
@@ -121,7 +124,12 @@ class Stream(NamedTuple):
             is_same = abs(jitter.size - self.jitter.size) <= 0.3 * jitter.deviation
             if is_same and (np.abs(noise - self.noise) <= SAME * noise).all():
                 return self
-            return self._replace(noise=noise, jitter=jitter, rates=rates)
+            # the rate itself changes within an error of 5 ms: by a third of the noise of a phone
+            each, factor = rates / noise, jitter.size**2
+            shifts = factor * np.sum(each * left / noise, axis=2, keepdims=True)
+            shifts /= 1.0 + factor * np.sum(each**2, axis=2, keepdims=True)
+            shifts = np.nan_to_num(shifts) if self.kind != ATTITUDE else 0.0
+            return self._replace(noise=noise, jitter=jitter, rates=rates, shifts=shifts)
         if not self.is_estimated:
             return self
         # a fast motion between two readings adds to their noise; rough errors of the model, too
@@ -222,6 +230,8 @@ def noise_and_jitter(
         if not stream.is_estimated:
             squares, traces = squares.sum(), traces.sum()
         size = size * np.sqrt(squares / traces)
+        # the jitter explains all of a channel that alone changes: its noise would go to 0
+        size = np.maximum(size, LEAST * np.mean(size * stream.noise**2) / stream.noise**2)
         tau2 *= np.sqrt(np.sum(left_along**2) / np.sum(along / below))
     # of Fisher's information on a factor of the noise, and on tau^2
     mixed = np.sum(along / below**2)
