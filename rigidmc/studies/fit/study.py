@@ -38,6 +38,7 @@ A racket tossed with a phone. Rates show ratios of moments, as long as no torque
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -50,11 +51,13 @@ from rigidmc.files.outputs import Path, write_bytes
 from rigidmc.results.labels import count_text, units_text
 from rigidmc.runs.directory.tasks import Request, TaskArrays
 from rigidmc.runs.prepare import PreparedRun
+from rigidmc.scene.parameters import solid_by_mass
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.fit.answers import best_of, grown, merged, upright
 from rigidmc.studies.fit.dataset import AXES, VARIABLES, dataset_of
 from rigidmc.studies.fit.draws import DRAWS, draw, lines_of, save_groups
 from rigidmc.studies.fit.missing import candidates
+from rigidmc.studies.fit.parameters import MOMENTS
 from rigidmc.studies.fit.posterior import SAMPLERS, package
 from rigidmc.studies.fit.prior import Prior
 from rigidmc.studies.fit.problem import LOSSES, FitProblem
@@ -233,6 +236,9 @@ def start(
 ) -> tuple[Scene, dict[str, Any]]:
     """Return (the scene, the request: the readings, and what is fitted to them)."""
     refuse_noise(scene.effects)
+    if MOMENTS in (options.free or ()) and solid_by_mass(scene.body):
+        # fitted moments leave the solid, which is the first guess
+        scene = replace(scene, body=replace(scene.body, shape=()))
     where: Any = options.between or ()
     source = options.data, options.columns or {}, options.time, options.split, where, options.rate
     readings = records_of(scene, *source)

@@ -147,7 +147,8 @@ def _balance(scene: Scene, rates: Rates, is_turned: bool, is_resolved: bool) -> 
     size = windows.change.size * max(float(np.nanmean(w**2)) for _, w in rates)
     if is_resolved and best > EXPLAINED**2 * max(change, EXPLAINED * size):
         return [
-            "no free body moves so, with any axes and units: does a torque or a rotor act on it?"
+            "no free body moves so, with any axes and units: was it held for a time (--between), or"
+            " does a torque or a rotor act on it?"
         ]
 
     def known_body(s: float, axes: Array = UPRIGHT) -> float:
