@@ -149,9 +149,10 @@ def test_intervals_with_jitter_cover():
         start = study.sel(parameter=[f"start.omega.{i}" for i in (1, 2, 3)])
         off.append([*off_of(study), *(start.value.values[0] - OMEGA) / start.deviation.values])
         tau.append((float(study.jitter[0]) - TAU) / float(study.jitter_deviation[0]))
-    assert 0.89 < np.mean(np.abs(off) < 1.96) <= 1.0
-    assert 0.6 < np.sqrt(np.mean(np.square(tau))) < 1.4
-    assert abs(np.mean(tau)) < 0.6
+    assert 0.87 < np.mean(np.abs(off) < 1.96) <= 1.0  # measured 0.893, with .5 ms 0.92
+    assert np.abs(np.mean(off, axis=0)).max() < 0.6  # measured 0.32: no bias
+    assert 0.6 < np.sqrt(np.mean(np.square(tau))) < 1.4  # measured 1.11
+    assert abs(np.mean(tau)) < 0.6  # measured -0.06
 
 
 def with_outliers(drag, seed=0):
