@@ -53,7 +53,9 @@ def upright(problem: FitProblem, solution: Solution) -> Solution:
             elif column.name == MOMENTS:
                 x[:, places] = np.einsum("tji,tj->ti", np.abs(turn), x[:, places])
             elif column.stream < 0 and column.size == 3 and column.name not in parameters.tied:
-                x[:, places] = np.einsum("tji,tj->ti", turn, x[:, places])
+                # numbers that are never negative, as drag along axes, change no sign
+                by = np.abs(turn) if (parameters.low[places] >= 0.0).all() else turn
+                x[:, places] = np.einsum("tji,tj->ti", by, x[:, places])
     some = np.flatnonzero((x != solution.x).any(1) & np.isfinite(solution.sums.cost))
     if not some.size:
         return solution
