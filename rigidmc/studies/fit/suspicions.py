@@ -24,9 +24,9 @@ from rigidmc.studies.fit.streams import Array
 # Measured with 200 random free bodies, of a known attitude of the sensor (or a free one), noise,
 # a bias and drag. With first guesses of the moments right to 1 %, 1 of 400 right records is
 # suspected; swapped columns are found in 81 % (49 %), a negated one in 90 % (49 %). With guesses
-# right to 10 %, of 40 bodies: 0 of 80 right records; swapped 15 %, negated 15 %, degrees 98 %,
-# radians 85 %, times in ms 100 %, twice the rate 27 %; saturated, constant or repeated readings and
-# two records in one 100 %. In the other cases, another body moves nearly so.
+# right to 10 %, of 100 bodies: 3 of 200 right records; swapped 34 % (17 %), negated 36 % (17 %),
+# degrees 98 %, radians 90 %, times in ms 100 %, twice the rate 30 %; saturated, fixed or repeated
+# readings and two records in one 100 %. In the other cases, another body moves nearly so.
 HELD = 3  # successive readings at the extreme of a channel that are saturation
 REPEATED = 0.3  # fraction of readings that equal the one before, if the sensor is slower
 RESOLVED = 0.5  # rad between two readings: sums of them are integrals to some percent
