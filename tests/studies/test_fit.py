@@ -10,7 +10,7 @@ import rigidmc as rm
 from bench import fits
 from rigidmc.engine import program
 from rigidmc.engine.program import Program
-from rigidmc.studies.fit.answers import grown, growth, merged, upright
+from rigidmc.studies.fit.answers import doubts, grown, growth, merged, upright
 from rigidmc.studies.fit.balance import balance, windows_of
 from rigidmc.studies.fit.missing import Law, covariance_of
 from rigidmc.studies.fit.parameters import PAIRS, left_jacobian
@@ -248,6 +248,79 @@ def test_long_records_are_fitted_from_their_beginning(kind):
     # measured 1.8e-4 and 6e-5
     np.testing.assert_allclose(found / found[2], moments / moments[2], atol=1e-3)
     assert kind == "turns" or growth(problem, best) > 1e4  # measured 1.6e4
+
+
+def turned_record(turn, effects=(), end=3.0, apart=1):
+    """Return (times, rates) of a body by a sensor turned by a matrix, with a noise of .02 rad/s."""
+    start = rm.Start(omega=(1.0, 3.0, -2.0))
+    ds = fits.moved(rm.Scene(rm.Body((0.45, 0.8, 1.1)), *effects, start=start), end, 0.01)
+    read = ds.omega.values[::apart, :, 0] @ turn.T
+    noise = 0.02 * np.random.default_rng(1).normal(size=read.shape)
+    return fits.table_of(ds.time.values[::apart], read + noise)
+
+
+def answers_of(problem, trials):
+    x = make_starts(problem, trials, 1)
+    solution = upright(problem, minimise(problem, *grown(problem, x)))
+    return merged(problem, polish(problem, merged(problem, solution)))
+
+
+@pytest.mark.parametrize(
+    ("effects", "count", "trials"), [((), 25, 20), ((rm.Rotor((0.5, 0.4, 1.0)),), 5, 100)]
+)
+def test_a_sensor_with_any_attitude_is_found(effects, count, trials):
+    """A free body, and one with a known rotor, which the balance of momentum does not know."""
+    true = np.diag([0.45, 0.8, 1.1])
+    guess = rm.Scene(rm.Body((0.9, 1.0, 0.95)), *effects, start=rm.Start(omega=(1.0, 1.0, 1.0)))
+    for turn in Rotation.random(count, np.random.default_rng(5)).as_matrix():
+        table = turned_record(turn, effects)
+        problem = problem_of(table, ("alignment",), 0.02, guess)
+        found = answers_of(problem, trials)
+        assert len(found.x) == 1  # the 24 names of its axes are one answer
+        values = problem.parameters.values(found.x[0])
+        axes = Rotation.from_rotvec(values[-3:])
+        if not effects:  # a rotor tells the axes apart
+            assert axes.magnitude() < 1.1  # 62.8 deg: no name is nearer
+        tensor = axes.as_matrix() @ np.diag(values[:3]) @ axes.as_matrix().T
+        expected = turn @ true @ turn.T / (1.0 if effects else true.trace() / tensor.trace())
+        np.testing.assert_allclose(tensor, expected, atol=0.01)  # measured 2e-3
+
+
+@pytest.mark.parametrize("hand", [1.0, -1.0])
+def test_a_left_handed_sensor_is_told(hand):
+    turn = Rotation.from_rotvec([0.5, -0.2, 0.8]).as_matrix()
+    problem = problem_of(turned_record(hand * turn), ("alignment",), 0.02)
+    found = answers_of(problem, 20)
+    (text,) = doubts(problem, found)
+    other = np.array(text.split(" as ")[1].split(" : "), float)
+    here = problem.parameters.values(found.x[0])[:3]
+    true = np.array([0.45, 0.8, 1.1])
+    for moments in [other] if hand < 0.0 else [here]:
+        np.testing.assert_allclose(np.sort(moments) / moments.max(), true / 1.1, atol=0.005)
+    # a known torque tells the hand
+    torque = (rm.BodyTorque((0.5, -0.4, 0.6)),)
+    driven = rm.Scene(SCENE.body, *torque, start=SCENE.start)
+    problem = problem_of(turned_record(turn, torque), ("alignment",), 0.02, driven)
+    assert not doubts(problem, answers_of(problem, 100))
+
+
+def test_aliased_rates_are_found():
+    """Rates of 3.7 rad/s each 1.6 s: 5.9 rad between readings, nearly a turn."""
+    table = turned_record(np.eye(3), end=48.0, apart=160)
+    problem = problem_of(table, (), 0.02)
+    found = answers_of(problem, 256)
+    ratios = [v[:3] / v[2] for v in map(problem.parameters.values, found.x)]
+    assert min(np.abs(one - np.array([0.45, 0.8, 1.1]) / 1.1).max() for one in ratios) < 0.01
+
+
+def test_a_motion_that_no_fit_follows_is_told():
+    moments, problem = long_record("chaos")
+    wrong = problem.parameters.coordinates({"body.moments": moments * [1.01, 1.0, 1.0]})
+    ends = np.ones(1, int)
+    text = doubts(problem, Solution(wrong[None], problem.sums(wrong[None]), ends > 0, ends))
+    assert "changes of the motion grow" in text[0] and "--between" in text[0]
+    right = answers_of(problem, 30)
+    assert doubts(problem, right) == []  # though its changes grow as much
 
 
 def test_the_balance_of_momentum_is_a_body():

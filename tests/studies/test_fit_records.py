@@ -1,5 +1,6 @@
 """Tables of measurements for `fit`: what is read, what is refused, and what looks wrong in them."""
 
+import json
 import warnings
 
 import numpy as np
@@ -18,7 +19,7 @@ from rigidmc.studies.fit.setup import make_problem, records_of
 from rigidmc.studies.fit.solve import minimise
 from rigidmc.studies.fit.starts import make_starts
 from rigidmc.studies.fit.streams import VECTOR, Stream, high_frequency_noise
-from rigidmc.studies.fit.study import FitOptions, problem_of, records_of_request, start
+from rigidmc.studies.fit.study import FitOptions, maker, start
 from rigidmc.studies.fit.suspicions import FACTORS, examine
 from rigidmc.studies.fit.visible import seen
 
@@ -427,6 +428,11 @@ def test_a_measured_wheel_shows_the_whole_tensor(thrown, is_later):
     tensor = (turn * [names[f"body.moments.{i}"] for i in (1, 2, 3)]) @ turn.T
     # measured: 2e-7
     np.testing.assert_allclose(tensor, (TILT * moments) @ TILT.T, atol=1e-5)
+    given = {"columns": "wheel=0,0,2e-2*spin", "nuisances": "alignment"}
+    split = "toss" if is_later else None
+    request = rm.fit.design(scene, table, ",".join(free), split=split, **given)[1]
+    kept = maker(json.loads(json.dumps(request)), 1)(scene)  # as a run directory has it
+    np.testing.assert_array_equal(kept.sums(x[None]).cost, problem.sums(x[None]).cost)
 
 
 def test_a_request_keeps_the_wheel(thrown):
@@ -435,7 +441,6 @@ def test_a_request_keeps_the_wheel(thrown):
     scene = rm.Scene(rm.Body((4.0, 5.0, 7.0)), (), rm.Start(omega=(0.0, -1.0, 0.0)))
     given = {"data": table, "columns": "wheel=0,0,-2*spin", "free": "body.moments,start.omega"}
     request = start(scene, FitOptions.read(given), {})[1]
-    (record,) = records_of_request(request)
-    np.testing.assert_array_equal(record.wheel["momenta"][:, 2], -2.0 * momentum)
-    problem = problem_of(scene, request, [record], 1)
-    assert len(problem.run.scene.effects) == 1
+    ((*_, wheel),) = request["records"]
+    np.testing.assert_array_equal(np.array(wheel["momenta"])[:, 2], -2.0 * momentum)
+    assert len(maker(request, 1)(scene).run.scene.effects) == 1

@@ -10,13 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rigidmc.engine.kernel.normal_equations import ATTITUDE
 from rigidmc.runs.prepare import prepare_scene
 from rigidmc.studies.fit.parameters import MOMENTS
 from rigidmc.studies.fit.problem import FitProblem, Sums
 from rigidmc.studies.fit.solve import KEPT, Solution, minimise
+from rigidmc.studies.fit.starts import SPINS, TILT
 from rigidmc.studies.fit.streams import Array, Stream
 
 FIRST, SAMPLES = 64, 128  # saves of the first part, about 16 rad; its readings for many trials
+LEAST = 5  # readings of the first part, for each parameter: with fewer, any body fits
+FALSE = 1e3  # growth from which on a minimum may well be false
 FAST = 100.0  # growth of a change over a part, from which on the next is longer by 1/4, not 1/2
 HOPELESS = 100.0  # excess of the cost, in variances of a residual: ten standard deviations
 MOST = 20  # answers kept
@@ -50,11 +54,10 @@ def upright(problem: FitProblem, solution: Solution) -> Solution:
         for places in parameters.index[: 1 if column.is_shared else None, column.columns]:
             if column.word == "alignment":
                 x[:, places] = (Rotation.from_rotvec(x[:, places]) * group[which]).as_rotvec()
-            elif column.name == MOMENTS:
-                x[:, places] = np.einsum("tji,tj->ti", np.abs(turn), x[:, places])
             elif column.stream < 0 and column.size == 3 and column.name not in parameters.tied:
-                # numbers that are never negative, as drag along axes, change no sign
-                by = np.abs(turn) if (parameters.low[places] >= 0.0).all() else turn
+                # moments, and rates of the axes that are never below 0, only change places
+                is_signed = column.name != MOMENTS and (parameters.low[places] < 0.0).all()
+                by = turn if is_signed else np.abs(turn)
                 x[:, places] = np.einsum("tji,tj->ti", by, x[:, places])
     some = np.flatnonzero((x != solution.x).any(1) & np.isfinite(solution.sums.cost))
     if not some.size:
@@ -66,11 +69,47 @@ def upright(problem: FitProblem, solution: Solution) -> Solution:
     return solution
 
 
+def doubts(problem: FitProblem, solution: Solution) -> list[str]:
+    """Return what else the readings allow beside the first answer, in sentences.
+
+    Another body has the reversed rates: the coefficients a_1 = (I_2 - I_3)/I_1, ... of Euler's
+    equations change their signs for the moments 1 + a_2, 1 - a_1, 1 + a_1 a_2.
+    """
+    parameters, x, cost = problem.parameters, solution.x[0], float(solution.sums.cost[0])
+    turned = [c.columns for c in parameters.columns if c.word == "alignment"]
+    is_turned = turned and np.linalg.norm(x[parameters.index[0, turned[0]]]) > TILT
+    told = list[str]()
+    if is_turned and parameters.mixed and all(s.kind != ATTITUDE for s in problem.streams):
+        i, j, k = parameters.values(x)[:3]
+        a, b = (j - k) / i, (k - i) / j
+        y, other = np.array(x), np.array([1.0 + b, 1.0 - a, 1.0 + a * b])
+        other *= (i + j + k) / other.sum()
+        y[:3] = parameters.coordinates({MOMENTS: other})[:3]
+        for column in parameters.columns:
+            if column.name in SPINS or column.word == "bias":
+                y[parameters.index[:, column.columns]] *= -1.0
+        streams = [s._replace(values=-s.values) for s in problem.streams]
+        mirrored = FitProblem(problem.run, parameters, streams, problem.threads, problem.loss)
+        if mirrored.sums(y[None]).cost[0] <= cost * (1.0 + 1e-6):
+            ratios = " : ".join(f"{one:.4g}" for one in other / other[2])
+            told.append(f"if the sensor is left-handed, the moments are as {ratios}")
+    changed = growth(problem, x)
+    if changed > FALSE and cost > 4.0 * problem.residuals:
+        told.append(
+            f"changes of the motion grow {changed:.2g}-fold in the record, and no motion fits: with"
+            " a false minimum, all numbers are wrong; fit a shorter part by --between"
+        )
+    return told
+
+
 def grown(problem: FitProblem, x: Array) -> tuple[Array, NDArray[np.int64]]:
     """Return (trials that begin the fit of the whole record, number of the x that lead to each)."""
     total, saves = problem.run.layout.axes.times.size - 1, FIRST
     ends = np.ones(x.shape[0], np.int64)
     while (part := part_of(problem, min(saves, total), x.shape[0] > KEPT)) is not problem:
+        if part.residuals < LEAST * part.parameters.size and saves < total:
+            saves *= 2
+            continue
         solution = upright(part, minimise(part, x, ends))
         # a part may show too little for a trial to settle
         solution = solution._replace(is_settled=np.isfinite(solution.sums.cost))

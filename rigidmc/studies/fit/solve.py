@@ -17,10 +17,7 @@ from rigidmc.studies.fit.streams import Array
 
 LONGEST = 1.0  # of a step of ln J: trial bodies change by a factor e at most
 GAIN = 1e-3  # a step of less changes nothing that the data can tell
-ROUND, KEPT = (
-    4,
-    128,
-)  # each 4 iterations, the worse half of the trials rests, but never the best 128
+ROUND, KEPT = 3, 128  # after 3 iterations the worse half of the trials rests, never the best 128
 MOST_DAMPED = 1e8  # no step of this damping has an effect: the trial rests
 
 

@@ -12,6 +12,8 @@ from rigidmc.studies.fit.streams import Array, Stream
 
 DRAWN = 64  # trials that are drawn together
 MEASURED = 0.02  # relative spread of a start that is measured
+TILT = 0.3  # of a sensor that is mounted along the axes of the body, a standard deviation [rad]
+SPINS = {"start.omega", "start.momentum"}
 SPREAD = 1.0  # standard deviation of ln J and of the logarithm of positive numbers
 
 
@@ -20,8 +22,8 @@ def make_starts(problem: FitProblem, count: int, seed: int, first: int = 0) -> A
     guess is number 0, all others are random around it.
 
     Random trials come in scales from near to far, so few trials find a near minimum and many find
-    all. Every fourth begins around the user's body, because a rotor or a torque breaks the balance;
-    every fourth with a sensor of any attitude, if its alignment is free.
+    all. Every other begins around the user's body, because a rotor or a torque breaks the balance;
+    half of them with a sensor of any attitude, if its alignment is free.
     """
     parameters, streams = problem.parameters, problem.streams
     known, read = (guess(parameters, streams, balanced) for balanced in (True, False))
@@ -31,17 +33,18 @@ def make_starts(problem: FitProblem, count: int, seed: int, first: int = 0) -> A
         random = np.random.default_rng(np.random.Philox(key=[seed, number]))
         scale = 10.0 ** random.uniform(-2.0, 0.0, (DRAWN, 1))
         x.append(best + scale * random.standard_normal((DRAWN, best.size)) * spread)
-        turns.append(Rotation.random(DRAWN // 4, random))
-    trials, turn = np.concatenate(x), Rotation.concatenate(turns)
-    if first == 0:
-        trials[0] = best
-    trials[1::4] += parameters.coordinates(read) - best
+        turns.append(Rotation.random(DRAWN, random))
+    trials = np.concatenate(x)
+    trials[0] = best if first == 0 else trials[0]
+    trials[1::2] += parameters.coordinates(read) - best
+    some = np.arange(len(trials)) % 4 > 1
+    turn = Rotation.concatenate(turns)[some]
     turned = [c for c in parameters.columns if c.word == "alignment"]
     for column in turned:
-        trials[2::4, parameters.index[0, column.columns]] = turn.as_rotvec()
-    for name in {"start.omega", "start.momentum"} & set(read) if turned else ():
+        trials[np.ix_(some, parameters.index[0, column.columns])] = turn.as_rotvec()
+    for name in SPINS & set(read) if turned else ():
         for places, value in zip(parameters.places_of(name), read[name], strict=True):
-            trials[2::4, places] = turn.inv().apply(value)
+            trials[np.ix_(some, places)] = turn.inv().apply(value)
     return np.clip(trials[:count], parameters.low, parameters.high)
 
 
@@ -59,7 +62,7 @@ def spreads(problem: FitProblem, x: Array, known: Mapping[str, Array]) -> Array:
             if column.name == MOMENTS:
                 spread[places] = SPREAD
             elif column.word == "alignment":
-                spread[places] = 0.3
+                spread[places] = TILT
             elif column.stream < 0:
                 largest = np.abs(x[places]).max()
                 share = MEASURED if column.name in known else 0.5

@@ -39,6 +39,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -53,7 +54,7 @@ from rigidmc.runs.directory.tasks import Request, TaskArrays
 from rigidmc.runs.prepare import PreparedRun
 from rigidmc.scene.parameters import solid_by_mass
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.fit.answers import best_of, grown, merged, upright
+from rigidmc.studies.fit.answers import best_of, doubts, grown, merged, upright
 from rigidmc.studies.fit.dataset import AXES, VARIABLES, dataset_of
 from rigidmc.studies.fit.draws import DRAWS, draw, lines_of, save_groups
 from rigidmc.studies.fit.missing import candidates
@@ -65,7 +66,7 @@ from rigidmc.studies.fit.records import Record, read_columns_option
 from rigidmc.studies.fit.setup import make_problem, read_noise, records_of
 from rigidmc.studies.fit.solve import Solution, minimise, polish
 from rigidmc.studies.fit.starts import DRAWN, make_starts
-from rigidmc.studies.fit.streams import NUISANCES, Array, Stream
+from rigidmc.studies.fit.streams import NUISANCES, Array
 from rigidmc.studies.fit.suspicions import examine
 from rigidmc.studies.fit.uncertainty import SEEN, assess
 from rigidmc.studies.fit.visible import in_words, seen
@@ -213,14 +214,14 @@ def is_resolved(problem: FitProblem, finer: FitProblem, x: Array) -> bool:
     return not np.std(change) > allowed  # nan if the motion is flagged: no step helps
 
 
-def solve_finely(make: Callable[[int], FitProblem], x: Array) -> tuple[Solution, int]:
+def solve_finely(make: Callable[[int], FitProblem], x: Array, at: Array) -> tuple[Solution, int]:
     """Return (where trials x end, divisor of the step) with steps of which the halves give the same
-    residuals at x[0] and at the best end: a rotor or a spring moves a body faster than its rates
+    residuals at a trial and at the best end: a rotor or a spring moves a body faster than its rates
     show.
 
     make : divisor -> the problem with steps divided by it
     """
-    finer, at = 1, x[0]
+    finer = 1
     while True:
         problem, half = make(finer), make(2 * finer)
         if finer >= MOST_FINER or is_resolved(problem, half, at):
@@ -241,44 +242,35 @@ def start(
         scene = replace(scene, body=replace(scene.body, shape=()))
     where: Any = options.between or ()
     source = options.data, options.columns or {}, options.time, options.split, where, options.rate
-    readings = records_of(scene, *source)
-    records, notes = examine(scene, readings, options.nuisances or ())
+    records, notes = examine(scene, records_of(scene, *source), options.nuisances or ())
+    words = "free", "own", "nuisances"
+    given = options.free, options.each, options.nuisances
+    asked: dict[str, Any] = {k: list(x or ()) for k, x in zip(words, given, strict=True)}
+    asked["loss"] = options.loss
+    run = make_problem(scene, records=records, noise=options.noise, threads=1, **asked).run
     batch = DRAWN * min(max(options.trials // (4 * DRAWN), 1), MOST_DRAWN)
-    request: dict[str, Any] = {"trials": options.trials, "batch": batch, "loss": options.loss}
-    for name in ("free", "each", "nuisances"):
-        request[name] = list(getattr(options, name) or ())
-    problem = problem_of(scene, {**request, "noise": options.noise}, records, 1)
-    request |= {"notes": notes, "noise": read_noise(problem.run, options.noise)}
-    request["records"] = [
-        [one.name, *({n: x.tolist() for n, x in part.items()} for part in one[1:4])]
-        for one in records
-    ]
-    return scene, request
+    return scene, {
+        "records": [
+            [one.name, *({n: x.tolist() for n, x in part.items()} for part in one[1:4])]
+            for one in records
+        ],
+        "asked": {**asked, "noise": read_noise(run, options.noise)},
+        "notes": notes, "trials": options.trials, "batch": batch,
+    }  # fmt: skip
 
 
-def records_of_request(request: Request) -> list[Record]:
-    """Return the records of a request."""
+def maker(request: Request, threads: int) -> Callable[..., FitProblem]:
+    """Return the function that makes the problem of a request, for a scene and other keywords of
+    `make_problem`."""
 
     def arrays(part: Mapping[str, Any]) -> dict[str, Array]:
         return {name: np.array(x) for name, x in part.items()}
 
-    return [
+    records = [
         Record(name, arrays(t), arrays(values), arrays(wheel))
         for name, t, values, wheel in request["records"]
     ]
-
-
-def problem_of(
-    scene: Scene, request: Request, records: Sequence[Record], threads: int,
-    more: Sequence[str] = (), finer: int = 1, streams: tuple[Stream, ...] = (),
-) -> FitProblem:  # fmt: skip
-    """Return the problem of a request. more : names of further free parameters"""
-    free, own, noise, nuisances, loss = (
-        request[name] for name in ("free", "each", "noise", "nuisances", "loss")
-    )
-    return make_problem(
-        scene, (*free, *more), own, records, noise, nuisances, threads, finer, loss, streams
-    )
+    return partial(make_problem, records=records, threads=threads, **request["asked"])
 
 
 def solve_batches(
@@ -287,17 +279,15 @@ def solve_batches(
     """Return where the trials of some batches end."""
     if device not in (None, "cpu"):
         raise OptionError("fits are computed on the CPU", at="device", value=device)
-    records, found = records_of_request(request), []
-
-    def make(finer: int) -> FitProblem:
-        return problem_of(run.scene, request, records, threads, finer=finer)
-
+    make, seed, found = maker(request, threads), run.scene.run.seed, list[TaskArrays]()
+    problem = make(run.scene)
+    at = make_starts(problem, 1, seed)[0]
     for first in (number * request["batch"] for number in numbers):
         count = min(request["batch"], request["trials"] - first)
-        x = make_starts(make(1), count, run.scene.run.seed, first)
-        (x, _, is_settled, ends), finer = solve_finely(make, x)
-        one = {"x": x, "is_settled": is_settled * 1, "ends": ends, "finer": np.array([finer])}
-        found.append(one)
+        x = make_starts(problem, count, seed, first)
+        solution, finer = solve_finely(lambda n: make(run.scene, finer=n), x, at)
+        ends = {"ends": solution.ends, "settled": solution.is_settled * solution.ends}
+        found.append({"x": solution.x, **ends, "finer": np.array([finer])})
     return found
 
 
@@ -309,49 +299,43 @@ def reduce(
         raise OptionError("needs a posterior: --posterior nuts", at="pool", value=options.pool)
     if options.posterior and request["loss"] != "linear":
         raise OptionError("needs the loss linear: others have no likelihood", at="posterior")
-    scene, records = run.scene, records_of_request(request)
-    finer = max(int(batch["finer"][0]) for batch in done.values())
-    x, is_settled, ends = (
+    x, ends, settled, finer = (
         np.concatenate([done[i][name] for i in sorted(done)])
-        for name in ("x", "is_settled", "ends")
+        for name in ("x", "ends", "settled", "finer")
     )
-    streams: tuple[Stream, ...] = ()
-
-    def make(moved: Scene, more: Sequence[str] = ()) -> FitProblem:
-        return problem_of(moved, request, records, threads_available(), more, finer, streams)
-
-    problem = make(scene)
-    solution = merged(problem, Solution(x, problem.sums(x), is_settled > 0, ends))
+    make = partial(maker(request, threads_available()), finer=int(finer.max()))
+    problem = make(run.scene)
+    solution = merged(problem, Solution(x, problem.sums(x), settled > 0, ends))
     for more in reversed(range(MOST_REFINED)):
         solution = merged(problem, polish(problem, solution))
-        newer = problem.refined(solution.x[0]) if more else ()
-        if not newer:
+        streams = problem.refined(solution.x[0]) if more else ()
+        if not streams:
             break
-        streams = newer
-        problem = make(scene)
+        make = partial(make, streams=streams)
+        problem = make(run.scene)
         solution = minimise(problem, solution.x, solution.ends)
-    at = solution.x[0]
+    at, free = solution.x[0], request["asked"]["free"]
     found = assess(problem, at)
-    torques = candidates(scene, problem, at, found, make)
-    made = dataset_of(scene, problem, solution, found, torques, options.confidence)
+    torques = candidates(
+        run.scene, problem, at, found, lambda scene, more: make(scene, free=[*free, *more])
+    )
+    made = dataset_of(run.scene, problem, solution, found, torques, options.confidence)
     if options.posterior:
         prior = Prior(problem.parameters, at, found.shown, options.pool or ())
-        how = options.posterior, options.chains, options.draws, scene.run.seed, made.unit.values
+        seed, units = run.scene.run.seed, made.unit.values
+        how = options.posterior, options.chains, options.draws, seed, units
         drawn = draw(problem, found.error, [*solution.x], prior, *how)
         made = made.merge(drawn, combine_attrs="no_conflicts")
-    trials = {"trials": request["trials"], "settled": int(ends[is_settled > 0].sum())}
-    return made.assign_attrs(notes="\n".join(request["notes"]), **trials)
+    notes = "\n".join([*request["notes"], *doubts(problem, solution)])
+    return made.assign_attrs(notes=notes, trials=request["trials"], settled=int(settled.sum()))
 
 
 class Fits(Tasks):
     """The work of a fit: tasks that are batches of trials."""
 
-    def price(
-        self, run: PreparedRun, request: Request, numbers: Sequence[int], threads: int,
-        device: str | None = None,
-    ) -> str:  # fmt: skip
+    def price(self, run: PreparedRun, request: Request, *more: Any) -> str:
         """Return what the readings show before any fit, as text."""
-        problem = problem_of(run.scene, request, records_of_request(request), threads)
+        problem = maker(request, 1)(run.scene)
         x = make_starts(problem, 1, run.scene.run.seed)
         shown = seen(problem.sums(x).matrix[0], problem.parameters.slopes(x[0]))
         first = f"{count_text(request['trials'], 'trial')}, {problem.residuals:,} readings"
