@@ -13,7 +13,7 @@ from rigidmc.errors import OptionError
 from rigidmc.studies.fit.draws import draw, groups_of
 from rigidmc.studies.fit.posterior import Density, package
 from rigidmc.studies.fit.prior import Prior
-from rigidmc.studies.fit.records import ColumnsOf
+from rigidmc.studies.fit.records import read_columns_option
 from rigidmc.studies.fit.setup import make_problem, records_of
 from rigidmc.studies.fit.study import table as lines_of
 from rigidmc.studies.fit.uncertainty import ModelError
@@ -245,8 +245,8 @@ def test_walkers_change_between_answers():
     t = np.arange(0.0, 1.0, 0.05)
     table = readings(t, np.tile([0.35, 0.0, 0.0], (t.size, 1)), noise=0.0)
     energy = 0.5 + 0.02 * np.random.default_rng(4).normal(size=t.size)
-    columns = {"omega": ColumnsOf(("omega[1]", "omega[2]", "omega[3]"), "")}
-    columns["energy"] = ColumnsOf(("energy",), "")
+    words = ("omega=omega[1],omega[2],omega[3]", "energy=energy")
+    columns = read_columns_option(words, "columns")
     records = records_of(scene, table | {"energy": energy}, columns, None, None, ())
     noise = {"omega": 3.2, "energy": 0.02}
     problem = make_problem(scene, ("start.omega.1",), (), records, noise, (), 1)

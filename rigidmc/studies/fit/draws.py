@@ -36,7 +36,7 @@ def draw(
     density = Density(problem, error, prior)
     modes, arviz, agrees = modes_of(density, answers), package("arviz"), False
     for made in SAMPLERS[sampler][1](density, modes, chains, draws, seed):
-        z, lp, diverging, accepted = made
+        z, lp, *more = made
         flat = z.reshape(-1, prior.size)
         drawn = prior.quantities(flat).reshape(*lp.shape, -1)
         measures = np.array([[arviz.rhat(x), arviz.ess(x)] for x in np.moveaxis(drawn, 2, 0)]).T
@@ -47,18 +47,13 @@ def draw(
     share = np.zeros(len(answers))
     share[[mode.answer for mode in modes]] = np.bincount(nearest, minlength=len(modes)) / len(flat)
     of_records = density.of_records(flat).reshape(*lp.shape, -1)
-    values = drawn, lp, diverging, accepted, of_records, *measures, share
-    unit, names = dict(zip(prior.parameters.names, units, strict=True)) | {"": "1"}, prior.names()
-    about = {
-        "quantity": [x for x, _ in names],
-        "quantity_unit": ("quantity", [unit[x] for _, x in names]),
-    }
-    converged = int(agrees and diverging.mean() <= MOST_DIVERGING)
-    attrs = {
-        "sampler": sampler,
-        "given_size": int(prior.ln_sum is not None),
-        "converged": converged,
-    }
+    values = drawn, lp, *more, of_records, *measures, share
+    unit = dict(zip(prior.parameters.names, units, strict=True)) | {"": "1"}
+    names, like = zip(*prior.names(), strict=True)
+    about = {"quantity": list(names), "quantity_unit": ("quantity", [unit[x] for x in like])}
+    converged = int(agrees and more[0].mean() <= MOST_DIVERGING)
+    given = int(prior.ln_sum is not None)
+    attrs = {"sampler": sampler, "given_size": given, "converged": converged}
     by_name = dict(zip((variable.name for variable in DRAWS), values, strict=True))
     return make_dataset(DRAWS, by_name, about, attrs)
 
@@ -75,8 +70,8 @@ def lines_of(study: xr.Dataset, digits: Callable[[float, float], tuple[str, str]
         each = (f"{share[i]:.1%} at answer {i + 1}" for i in np.flatnonzero(share))
         text += f", {', '.join(each)}"
     if not study.attrs["converged"]:
-        name = study.quantity.values[worst]
-        return [f"  no posterior: chains disagree most about {name}; {text}. Give more --draws"]
+        text = f"chains disagree most about {study.quantity.values[worst]}; {text}"
+        return [f"  no posterior: {text}. Give more --draws"]
     lines = [f"  posterior: {text}"]
     if study.attrs["given_size"]:
         lines.append("  given the size of the scene's body, which the readings do not show:")

@@ -76,12 +76,13 @@ class Density:
         """Return independent residuals of unit variance, by channel, of residuals (n, columns)."""
         rows = residuals[self.order]
         rows[1:] -= self.ratio[1:, None] * rows[:-1]
-        return np.asarray(solve_banded((1, 0), self.band, rows) / self.scale[:, None])
+        found = solve_banded((1, 0), self.band, rows, check_finite=False)  # nan if flagged
+        return np.asarray(found / self.scale[:, None])
 
     def unwhitened(self, rows: Array) -> Array:
         """Return C^-1 r of whitened residuals: the transposed filter, backwards in time."""
         band, found = np.stack([np.roll(self.band[1], 1), self.band[0]]), np.empty_like(rows)
-        back = solve_banded((0, 1), band, rows / self.scale)
+        back = solve_banded((0, 1), band, rows / self.scale, check_finite=False)
         back[:-1] -= self.ratio[1:] * back[1:]
         found[self.order] = back
         return found
@@ -101,10 +102,8 @@ class Density:
         if some.size and not self.error.lasting:
             ln[some] -= 0.5 * self.problem.sums(x[some]).cost / self.error.white
         elif some.size:
-            residuals = self.problem.residuals_of(x[some])
-            sound = np.isfinite(residuals).all(1)
-            ln[some[~sound]] = -np.inf
-            ln[some[sound]] -= 0.5 * (self.whitened(residuals[sound].T) ** 2).sum(0)
+            cost = (self.whitened(self.problem.residuals_of(x[some]).T) ** 2).sum(0)
+            ln[some] -= 0.5 * np.where(np.isfinite(cost), cost, np.inf)
         return ln
 
     def slopes(self, z: Array) -> tuple[float, Array]:
@@ -115,9 +114,8 @@ class Density:
             _, gradient, cost = (part[0] / self.error.white for part in self.problem.sums(x[None]))
         elif np.isfinite(ln):
             residuals, jacobian = self.problem.jacobian(x)
-            if np.isfinite(residuals).all():
-                rows = self.whitened(residuals[:, None])[:, 0]
-                cost, gradient = rows @ rows, -self.unwhitened(rows) @ jacobian
+            rows = self.whitened(residuals[:, None])[:, 0]
+            cost, gradient = rows @ rows, -self.unwhitened(rows) @ jacobian
         if not np.isfinite(ln - cost):
             return -np.inf, np.zeros_like(z)
         slopes, of_prior = self.prior.slopes(z)
@@ -162,7 +160,9 @@ def root(density: Density, z: Array, basis: Array) -> Array:
 
 def climb(density: Density, answer: int, z: Array) -> Mode:
     """Return the maximum above z: the second round searches in units of the first."""
-    factor = np.diag(density.prior.units(z))
+    unit, slopes = density.prior.unit, np.diag(density.prior.slopes(z)[0])
+    steps = np.minimum(unit / slopes, 1.0)  # that change the residuals by 1, or z by 1
+    factor = np.diag(np.concatenate([steps, np.ones(z.size - unit.size)]))
 
     def minus(y: Array) -> tuple[float, Array]:
         value, gradient = density.slopes(z + factor @ y)

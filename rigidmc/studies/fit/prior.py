@@ -123,12 +123,6 @@ class Prior:
         x, ln = self.of(z + 1j * TINY * np.eye(z.size))
         return x.imag.T / TINY, ln.imag / TINY
 
-    def units(self, z: Array) -> Array:
-        """Return steps (size,) from z, at most 1, that change the residuals by 1."""
-        units = np.ones(self.size)
-        units[: self.unit.size] = np.minimum(self.unit / np.diag(self.slopes(z)[0]), 1.0)
-        return units
-
     def names(self) -> list[tuple[str, str]]:
         """Return (name, parameter with the same unit, "" for a pure number) of the quantities."""
         names = self.parameters.names
