@@ -13,7 +13,7 @@ from bench import fits
 from rigidmc.errors import OptionError
 from rigidmc.studies.fit.problem import LOSSES, FitProblem
 from rigidmc.studies.fit.streams import ATTITUDE, VECTOR, Jitter, Stream, high_frequency_noise
-from rigidmc.studies.fit.study import table as lines_of
+from rigidmc.studies.fit.table import table as lines_of
 from rigidmc.studies.fit.uncertainty import pseudo_residuals
 from tests.studies.test_fit import (
     FREE,

@@ -15,7 +15,7 @@ from rigidmc.studies.fit.posterior import Density, package
 from rigidmc.studies.fit.prior import Prior
 from rigidmc.studies.fit.records import read_columns_option
 from rigidmc.studies.fit.setup import make_problem, records_of
-from rigidmc.studies.fit.study import table as lines_of
+from rigidmc.studies.fit.table import table as lines_of
 from rigidmc.studies.fit.uncertainty import ModelError
 from rigidmc.studies.fit.visible import seen
 from tests.tools.commands import invoke

@@ -14,12 +14,13 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli.app import app
 from rigidmc.errors import OptionError, RigidmcError
+from rigidmc.studies.fit.options import FitOptions
 from rigidmc.studies.fit.records import Record, read_columns_option, read_records
 from rigidmc.studies.fit.setup import make_problem, records_of
 from rigidmc.studies.fit.solve import minimise
 from rigidmc.studies.fit.starts import make_starts
 from rigidmc.studies.fit.streams import VECTOR, Stream, high_frequency_noise
-from rigidmc.studies.fit.study import FitOptions, maker, start
+from rigidmc.studies.fit.study import maker, start
 from rigidmc.studies.fit.suspicions import FACTORS, examine
 from rigidmc.studies.fit.visible import seen
 

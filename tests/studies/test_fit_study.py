@@ -14,8 +14,8 @@ import rigidmc as rm
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.scene.parameters import with_parameters
 from rigidmc.scene.varied import variables
-from rigidmc.studies.fit.study import in_digits
-from rigidmc.studies.fit.study import table as lines_of
+from rigidmc.studies.fit.table import in_digits
+from rigidmc.studies.fit.table import table as lines_of
 from tests.tools.commands import COMMAND, invoke
 
 RACKET = {"effects.quadratic_drag.drag": 3e-5}

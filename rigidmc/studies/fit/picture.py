@@ -14,7 +14,7 @@ from rigidmc.errors import OptionError, unknown
 from rigidmc.inputs.arrays import Array
 from rigidmc.results.labels import in_symbols, units_text, with_units
 from rigidmc.studies.fit.dataset import AXES
-from rigidmc.studies.fit.study import in_digits
+from rigidmc.studies.fit.table import in_digits
 from rigidmc.studies.fit.uncertainty import SEEN
 from rigidmc.views.figures import (
     BAND,
