@@ -77,7 +77,10 @@ class Prior:
             for k, places in enumerate(every.T):
                 word = f"{name}.{k + 1}" if every.shape[1] > 1 else name
                 is_centred = deviation[places] < np.std(self.inverse(x)[places])
-                scale = 1.0 if self.has_limit[places[0]] else float(np.abs(x[places]).max()) or 1.0
+                # of a number with a limit, x is its logarithm: 1 is a factor e, in any unit
+                scale = 1.0
+                if not self.has_limit[places[0]]:
+                    scale = float(np.maximum(np.abs(x[places]), deviation[places]).max())
                 self.pools.append(Pool(word, places, is_centred, self.size, self.size + 1, scale))
                 self.is_flat[places] = False
                 self.size += 2

@@ -252,8 +252,8 @@ def _times(
 
 
 def _product(table: Mapping[str, Any], word: str, unit: str, wanted: str) -> Array:
-    """Return a column in SI units, also with a sign or a factor before it, as -gx and
-    1.7e-6*wheel_rpm; of a number alone, a column of it."""
+    """Return a column in SI units, also with a sign or a factor before it, as ``-gx`` and
+    ``1.7e-6*wheel_rpm``; of a number alone, a column of it."""
     match = None if word in table else _FACTOR.fullmatch(word)
     sign, number, name = match.groups() if match else ("", "", word)
     factor = float(f"{sign}{number or 1}")

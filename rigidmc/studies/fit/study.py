@@ -105,11 +105,20 @@ def solve_finely(make: Callable[[int], FitProblem], x: Array, at: Array) -> tupl
         finer *= 2
 
 
+def refuse_draws(options: FitOptions, loss: str) -> None:
+    """Raise OptionError for options of a posterior that is not asked for, or has no likelihood."""
+    if options.pool and not options.posterior:
+        raise OptionError("needs a posterior: --posterior nuts", at="pool", value=options.pool)
+    if options.posterior and loss != "linear":
+        raise OptionError("needs the loss linear: others have no likelihood", at="posterior")
+
+
 def start(
     scene: Scene, options: FitOptions, settings: Mapping[str, Any]
 ) -> tuple[Scene, dict[str, Any]]:
     """Return (the scene, the request: the readings, and what is fitted to them)."""
     refuse_noise(scene.effects)
+    refuse_draws(options, options.loss)
     if MOMENTS in (options.free or ()) and solid_by_mass(scene.body):
         # fitted moments leave the solid, which is the first guess
         scene = replace(scene, body=replace(scene.body, shape=()))
@@ -168,10 +177,7 @@ def reduce(
     run: PreparedRun, request: Request, done: dict[int, TaskArrays], options: FitOptions
 ) -> xr.Dataset:
     """Return the Dataset of the ends of the trials."""
-    if options.pool and not options.posterior:
-        raise OptionError("needs a posterior: --posterior nuts", at="pool", value=options.pool)
-    if options.posterior and request["loss"] != "linear":
-        raise OptionError("needs the loss linear: others have no likelihood", at="posterior")
+    refuse_draws(options, request["asked"]["loss"])
     x, ends, settled, finer = (
         np.concatenate([done[i][name] for i in sorted(done)])
         for name in ("x", "ends", "settled", "finer")
