@@ -49,7 +49,7 @@ def upright(problem: FitProblem, solution: Solution) -> Solution:
     group = Rotation.create_group("O")
     first = Rotation.from_rotvec(x[:, parameters.index[0, turned[0].columns]])
     which = np.argmin([(first * g).magnitude() for g in group], axis=0)
-    turn = group[which].as_matrix()
+    turn = np.rint(group[which].as_matrix())  # exact, so that limits still hold
     for column in parameters.columns:
         for places in parameters.index[: 1 if column.is_shared else None, column.columns]:
             if column.word == "alignment":
