@@ -53,7 +53,13 @@ def live_run(scene: Scene, members: int) -> LiveRun:
     run = prepare_scene(with_settings(scene, range(first, first + members), chosen))
     block, start = run.initial(first, members)
     omega = block[layout.MOMENTUM : layout.EXTRA, :members] / start["moments"][:, :members]
-    turn = np.linalg.norm(omega, axis=0).max() * run.plan.grid.dt
+    rate = np.linalg.norm(omega, axis=0).max()
+    if run.plan.scheme is None:  # the tolerance chose the closed form
+        dt = min(run.plan.grid.dt, SMOOTH_TURN / rate) if rate > 0.0 else run.plan.grid.dt
+        chosen |= {"integrator": "rk8", "tolerance": None, "dt": float(dt)}
+        run = prepare_scene(with_settings(scene, range(first, first + members), chosen))
+        block, start = run.initial(first, members)
+    turn = rate * run.plan.grid.dt
     if scene.run.tolerance is not None and turn > SMOOTH_TURN:
         chosen["every"] = float(run.plan.grid.dt / np.ceil(turn / SMOOTH_TURN))
         run = prepare_scene(with_settings(scene, range(first, first + members), chosen))
