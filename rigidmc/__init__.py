@@ -52,7 +52,7 @@ _HOMES = {name: f"studies.{name}.study" for name in STUDIES} | {
     "normal": "scene.distributions",
     "uniform": "scene.distributions",
     "distribution": "scene.distributions",
-    "mixture": "scene.distributions",
+    "mixture": "scene.mixtures",
     "common": "scene.distributions",
     "grid": "scene.quantities",
     "Flips": "physics.observables",

@@ -55,9 +55,9 @@ from rigidmc.runs.simulate import simulate as simulate
 from rigidmc.scene.body import Body as Body
 from rigidmc.scene.distributions import common as common
 from rigidmc.scene.distributions import distribution as distribution
-from rigidmc.scene.distributions import mixture as mixture
 from rigidmc.scene.distributions import normal as normal
 from rigidmc.scene.distributions import uniform as uniform
+from rigidmc.scene.mixtures import mixture as mixture
 from rigidmc.scene.quantities import grid as grid
 from rigidmc.scene.scene import Scene as Scene
 from rigidmc.scene.settings import Run as Run

@@ -9,7 +9,7 @@ make one), `inertia_about` (inertias about the centre of mass), `stated` (bodies
 them), `shape` (solids that pictures draw), `start` and `start_tables` (conventions of attitudes),
 `settings` (the table [run], which defines keywords and options), `save_times` (its setting
 `every`), `units` (the conversion of "10 deg/s" to SI), `validation` (of effects and observables),
-`recording` (saved and monitored variables), `quantities` and `distributions` (how members differ),
+`recording` (saved and monitored variables), `quantities`, `distributions`, `mixtures` (members),
 `sampling` (sources of uniform numbers), `parameter`, `body_parameters` and `parameters` (one
 catalogue of the numbers of a model: name, units, derivative, and where each enters), `varied`
 (parameters that change between runs of a prepared scene), `derivatives` (parameters by which a run

@@ -20,7 +20,8 @@ import numpy as np
 
 from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.functions import normal_quantile
-from rigidmc.scene.distributions import Common, Distribution, Mixture, Truncated
+from rigidmc.scene.distributions import Common, Distribution, Truncated
+from rigidmc.scene.mixtures import Mixture
 from rigidmc.scene.quantities import Drawn, Grid, Rate
 
 Refusal = str  # the reason why there is no derivative

@@ -12,7 +12,8 @@ from rigidmc.files.user_code import source_of
 from rigidmc.inputs.measured import Measured
 from rigidmc.inputs.units import unit_named, unit_of
 from rigidmc.physics.dynamics.methods import word_of
-from rigidmc.scene.distributions import Distribution, distribution, is_distribution, mixture
+from rigidmc.scene.distributions import Distribution, distribution, is_distribution
+from rigidmc.scene.mixtures import mixture
 from rigidmc.scene.quantities import Grid, grid
 from rigidmc.scene.toml.columns import read_columns
 from rigidmc.scene.units import in_si

@@ -243,7 +243,8 @@ def by_emcee(
 def by_nuts(
     density: Density, modes: Sequence[Mode], chains: int, draws: int, seed: int
 ) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Yield the same of NUTS, in units of the normal approximation of the best mode."""
+    """Yield what `by_emcee` yields, by NUTS, in units of the normal approximation of the best
+    mode."""
     nutpie, best, size = package("nutpie"), modes[0], density.prior.size
 
     def at(y: Array) -> tuple[float, Array]:

@@ -75,7 +75,7 @@ from rigidmc.studies.framework.tasks import Tasks
 MOST_FINER = 64  # steps, times that of the rates: a nutation is 64 times as fast as they
 MOST_REFINED = 6  # fits, each with the noise and jitter that the one before shows
 RESOLVED = 0.1  # of the noise: it changes no parameter by more than a tenth of its deviation
-MOST_DRAWN = 16  # times DRAWN, trials of a task: more cost no less each
+MOST_DRAWN = 16  # times DRAWN, most trials of a task: a trial of a larger task costs as much
 
 
 def is_resolved(problem: FitProblem, finer: FitProblem, x: Array) -> bool:

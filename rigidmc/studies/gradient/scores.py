@@ -26,7 +26,8 @@ from rigidmc.physics.effects.bath import Bath
 from rigidmc.physics.effects.protocol import depends_on_momentum, is_random
 from rigidmc.physics.observables import NoiseScore
 from rigidmc.planning.initial import uncertain_numbers
-from rigidmc.scene.distributions import Common, Distribution, Mixture, Truncated
+from rigidmc.scene.distributions import Common, Distribution, Truncated
+from rigidmc.scene.mixtures import Mixture
 from rigidmc.scene.model import Model
 from rigidmc.scene.parameter import get
 from rigidmc.scene.parameters import parameters_of, value_at

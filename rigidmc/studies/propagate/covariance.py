@@ -10,7 +10,8 @@ from scipy.linalg import block_diag
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.inputs.arrays import Array
 from rigidmc.planning.initial import uncertain_numbers
-from rigidmc.scene.distributions import Common, Distribution, Mixture, Truncated
+from rigidmc.scene.distributions import Common, Distribution, Truncated
+from rigidmc.scene.mixtures import Mixture
 from rigidmc.scene.model import Model
 from rigidmc.scene.parameters import value_at
 from rigidmc.scene.quantities import Grid
