@@ -138,6 +138,21 @@ def test_the_moments_of_a_solid_are_first_guesses():
     assert rm.Scene.loads(study.attrs["fitted"]).body.shape == ()
 
 
+def test_a_solid_that_is_known_stays():
+    """A box whose start alone is fitted: refused, as its moments were asked for as parameters."""
+    start = rm.Start(omega=(9.0, 0.5, 0.6))
+    scene = rm.Scene(rm.Body.box(0.18, (0.0715, 0.147, 0.0074)), start=start)
+    ds = rm.simulate(
+        scene, "rk8", dt=0.01, t_end=0.5, every=0.01, save="omega", members=1
+    ).isel(member=0)  # fmt: skip
+    study = rm.fit(scene, ds, "start.omega", noise={"omega": 0.01}, trials=4)
+    off = np.abs(study.value.values[0] - start.omega)
+    assert (off < 5e-6).all()  # of exact data: measured 5e-7
+    assert rm.Scene.loads(study.attrs["fitted"]).body.shape == scene.body.shape
+    with pytest.raises(OptionError, match=r"did you mean 'body\.moments'"):
+        rm.fit(scene, ds, "moments")
+
+
 def readings_of_a_top(attitude, observables):
     """(scene, its table) of a top, with noise of .01."""
     body = rm.Body.from_moments((1.0, 1.2, 1.7), mass=1.0, centre=(0.0, 0.0, 0.1))

@@ -56,7 +56,6 @@ from rigidmc.studies.fit.dataset import VARIABLES, dataset_of
 from rigidmc.studies.fit.draws import DRAWS, draw, save_groups
 from rigidmc.studies.fit.missing import candidates
 from rigidmc.studies.fit.options import FitOptions, PictureOptions
-from rigidmc.studies.fit.parameters import MOMENTS
 from rigidmc.studies.fit.prior import Prior
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.records import Record
@@ -119,12 +118,14 @@ def start(
     """Return (the scene, the request: the readings, and what is fitted to them)."""
     refuse_noise(scene.effects)
     refuse_draws(options, options.loss)
-    if MOMENTS in (options.free or ()) and solid_by_mass(scene.body):
-        # fitted moments leave the solid, which is the first guess
-        scene = replace(scene, body=replace(scene.body, shape=()))
+    plain = scene
+    if solid_by_mass(scene.body):
+        plain = replace(scene, body=replace(scene.body, shape=()))
+        if any("moments" in name for name in options.free or ()):
+            scene = plain  # fitted moments leave the solid, which is the first guess
     where: Any = options.between or ()
     source = options.data, options.columns or {}, options.time, options.split, where, options.rate
-    records, notes = examine(scene, records_of(scene, *source), options.nuisances or ())
+    records, notes = examine(plain, records_of(scene, *source), options.nuisances or ())
     words = "free", "own", "nuisances"
     given = options.free, options.each, options.nuisances
     asked: dict[str, Any] = {k: list(x or ()) for k, x in zip(words, given, strict=True)}
