@@ -138,6 +138,13 @@ def test_the_moments_of_a_solid_are_first_guesses():
     assert rm.Scene.loads(study.attrs["fitted"]).body.shape == ()
 
 
+def test_a_torque_that_gains_little_is_not_proposed(free):
+    """A hand in the record leaves residuals that a torque explains no better than chance."""
+    lines = lines_of(free.assign(gain=free.gain * 0.0 + 2.0))
+    assert lines[-1].endswith("was the body held for a time (--between)?")
+    assert not any("--set" in line for line in lines)
+
+
 def test_a_solid_that_is_known_stays():
     """A box whose start alone is fitted: refused, as its moments were asked for as parameters."""
     start = rm.Start(omega=(9.0, 0.5, 0.6))

@@ -99,10 +99,12 @@ def _missing(study: xr.Dataset) -> list[str]:
         " out; the standard deviations allow for it"
     ]
     for i, gain in enumerate(study.gain.values[:2]):
-        if gain > 0.0:
+        if gain > SEEN:
             name, setting, free = (
                 str(study[key].values[i]) for key in ("torque", "setting", "torque_parameter")
             )
             lines.append(f"  {name} gains {gain:.4g} in ln likelihood; to fit it, too, add")
             lines.append(f'    --set "{setting}" --free ...,{free}')
+    if len(lines) == 1:
+        lines.append("  no torque tried explains them: was the body held for a time (--between)?")
     return lines
