@@ -169,9 +169,8 @@ def test_observables_of_different_rates():
 REFUSED = {
     "t,wx,wy,wz\n0,1,2,3\n1,1,2,3\n1,4,5,6\n": ({}, "row 2 has 1 s, row 3 1 s (1 such rows)"),
     "t,wx,wy,wz\n0,1,2,3\n2,1,2,3\n1,4,5,6\n": ({}, "row 2 has 2 s, row 3 1 s"),
-    "t,wx,wy,wz\n0,1,2,3\n": ({}, "has 1 samples of omega: needs two"),
     "t,wx,wy,wz\n": ({}, "no rows"),
-    "t,wx,wy,wz\n0,nan,nan,\n1,,nan,nan\n": ({}, "has 0 samples of omega"),
+    "t,wx,wy,wz\n0,nan,nan,\n1,,nan,nan\n": ({}, "has no samples of omega"),
     "t,wx,wy,wz\n0,1,2,3\n1,1,x,3\n": ({}, "row 2 is text, 'x', not a number"),
     "t,wx,wx,wy,wz\n0,1,1,2,3\n1,1,1,2,3\n": ({}, "several columns have the name wx"),
     "t,a,b,c\n0,1,2,3\n1,1,2,3\n": ({}, "no column has the name of an observable"),
@@ -188,6 +187,7 @@ REFUSED = {
     "t,a,b,c\n0,1,2,3\n1,1,2,6\n": ({"columns": "omega=a,b,c:dge/s"}, "dge"),
     "t,a,b,c\n0,1,2,3\n1,1,2,7\n": ({"columns": "omeg=a,b,c"}, "omega"),
     "t,a,b,c\n0,1,2,3\n1,1,2,8\n": ({"columns": "omega"}, "expected OBSERVABLE=COLUMN"),
+    "t,a,b,c\n0,1,2,3\n1,1,2,5\n": ({"columns": "omega=,,"}, "expected OBSERVABLE=COLUMN"),
     "tt,wx,wy,wz\n0,1,2,3\n1,1,2,3\n": ({"time": "ty"}, "tt"),
     "t,wx,wy,wz\n0,1,2,3\n1,1,2,9\n": ({"split": "wxy"}, "wx"),
 }  # fmt: skip

@@ -1,10 +1,13 @@
 """What `fit` says and writes: its table, the fitted scene, the pictures, and what it refuses."""
 
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +21,7 @@ from rigidmc.studies.fit.table import in_digits
 from rigidmc.studies.fit.table import table as lines_of
 from tests.tools.commands import COMMAND, invoke
 
+ROOT = Path(__file__).parents[2]
 RACKET = {"effects.quadratic_drag.drag": 3e-5}
 FREE = "body.moments,start.omega"
 DRAG = "effects.quadratic_drag.drag"
@@ -276,3 +280,52 @@ def test_steps_follow_a_rotor_that_outruns_the_rates():
     study = rm.fit(scene, data, FREE, noise={"omega": 1e-6}, trials=2)
     # measured 0.019 times the noise; with steps of 3.5 s 872
     assert np.abs((study.data - study.model) / study.noise).max() < 0.1
+
+
+def test_the_guide_fits_periods_by_total_least_squares(tmp_path, monkeypatch):
+    """Its table, beside the slope of a line through 0 with errors of both columns in closed form.
+
+    Source: Deming, Statistical Adjustment of Data (1943), with his ratio of the variances, 1/4.
+    """
+    page = (ROOT / "docs/how_to/fits.md").read_text("utf-8").partition("## Periods and other")[2]
+    blocks = re.findall(r"```\w*\n(.*?)```", page, re.S)
+    for name, text in zip(("gyro.py", "gyro.toml", "periods.csv"), blocks, strict=False):
+        (tmp_path / name).write_text(text)
+    monkeypatch.chdir(tmp_path)
+    words = shlex.split(blocks[3].replace("\\\n", ""))[1:]
+    done = invoke(*words, "--trials", "2", "-o", "fit.nc")
+    study = xr.open_dataset("fit.nc")
+    _, _, w, period = np.loadtxt("periods.csv", delimiter=",", skiprows=1).T
+    a, b = period @ period - 0.25 * w @ w, w @ period
+    slope = (a + np.hypot(a, b)) / (2.0 * b)  # a^2 + 4 b^2/4
+    weight = 0.02 * 9.81 * 0.2 / (2.0 * np.pi)
+    variance = 0.25 + slope**2
+    left = np.sum((period - slope * w) ** 2) / variance / 5.0
+    deviation = weight * np.sqrt(left * variance / (w @ w))
+    (i,) = np.flatnonzero(study.parameter == "body.moments.3")
+    assert study.value[0, i] == pytest.approx(weight * slope, rel=1e-4)  # measured 4e-6
+    assert study.deviation[i] == pytest.approx(deviation, rel=1e-3)  # measured 6e-5
+    assert np.isinf(study.deviation[:2]).all() and np.isinf(study.ratio_deviation[:2, 2]).all()
+    assert (
+        f"{study.value[0, i].item() * 1e3:.2f} \\pm {study.deviation[i].item() * 1e3:.2f}" in page
+    )
+    assert done.stdout.count("not shown") == 4
+    rule = "noise = .period.: state it for records of one reading"
+    with pytest.raises(OptionError, match=rule):
+        rm.fit(
+            rm.Scene.load("gyro.toml", allow_code=True), "periods.csv", "start.omega.3",
+            columns={"period": "period_s"}, split="row",
+        )  # fmt: skip
+
+
+def test_a_dead_channel_is_left_out():
+    """The other two show the body, also that of the largest rate."""
+    scene = rm.Scene(rm.Body((0.0012, 0.016, 0.017)), (), rm.Start(omega=(0.4, 9.0, 0.3)))
+    true = scene.with_model(scene.model._replace(body=rm.Body((0.00121, 0.01638, 0.01748))))
+    data = rm.simulate(true, "rk8", dt=0.01, t_end=1.0, every=0.01, save="omega", members=1)
+    data = data.isel(member=0)[["omega"]]
+    data["omega"] = data.omega + 0.01 * np.random.default_rng(1).normal(size=data.omega.shape)
+    study = rm.fit(scene, data, FREE, columns={"omega": ("omega[1]", "", "omega[3]")}, trials=20)
+    assert study.sizes["sample"] == 202 and "omega[2] has no readings" in study.notes
+    off = (study.ratio[:2, 2] - np.array([0.06922, 0.93707])) / study.ratio_deviation[:2, 2]
+    assert np.abs(off).max() < 3.0  # measured 1.83

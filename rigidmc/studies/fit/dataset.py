@@ -22,7 +22,7 @@ from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.solve import Solution
 from rigidmc.studies.fit.streams import NUISANCES, Array
 from rigidmc.studies.fit.uncertainty import Assessment
-from rigidmc.studies.fit.visible import in_words
+from rigidmc.studies.fit.visible import Seen, in_words
 from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 
 AWAY = 5.0  # standard deviations: a drag that may be 0 is not drawn, since some would be below
@@ -72,11 +72,9 @@ def dataset_of(
     deviation = np.sqrt(np.diag(covariance))
     jacobian = problem.jacobian(x, is_white=False)[1]
     spread = np.sqrt(np.maximum(0.0, ((jacobian @ found.covariance) * jacobian).sum(1)))
-    # moments are hidden together: each follows from two coordinates
-    is_hidden = (np.abs(slopes) @ found.shown.hidden) > 0.0
-    shown_deviation = np.where(is_hidden, math.inf, deviation)
+    shown_deviation = np.where(found.shown.hides(slopes), math.inf, deviation)
     width = stats.norm.ppf(0.5 + 0.5 * confidence)
-    ratio, ratio_deviation = _ratios(parameters, allowed)
+    ratio, ratio_deviation = _ratios(parameters, allowed, found.shown)
     made = {
         "value": np.stack([parameters.values(y) for y in solution.x]),
         "deviation": shown_deviation,
@@ -124,9 +122,9 @@ def dataset_of(
     return make_dataset(VARIABLES, made, coordinates, attrs)
 
 
-def _ratios(parameters: FitParameters, allowed: Sequence[Law]) -> tuple[Array, Array]:
-    """Return the ratios of the principal moments (3, 3), and their standard deviations; nan if
-    moments are not fitted."""
+def _ratios(parameters: FitParameters, allowed: Sequence[Law], shown: Seen) -> tuple[Array, Array]:
+    """Return the ratios of the principal moments (3, 3), and their standard deviations: inf
+    where nothing shows them, nan if moments are not fitted."""
     if not parameters.mixed:
         return np.full((3, 3), np.nan), np.full((3, 3), np.nan)
     places = parameters.places_of(MOMENTS)[0]
@@ -137,8 +135,10 @@ def _ratios(parameters: FitParameters, allowed: Sequence[Law]) -> tuple[Array, A
         change = each[..., None] * (slope[:, None, :] - slope)
         return each.ravel(), change.reshape(9, -1)
 
-    variance = np.diag(covariance_of(allowed, ratios)).reshape(3, 3)
-    return ratios(allowed[0].x)[0].reshape(3, 3), np.sqrt(np.maximum(variance, 0.0))
+    variance = np.diag(covariance_of(allowed, ratios))
+    ratio, change = ratios(allowed[0].x)
+    deviation = np.where(shown.hides(change), math.inf, np.sqrt(np.maximum(variance, 0.0)))
+    return ratio.reshape(3, 3), deviation.reshape(3, 3)
 
 
 def _units(problem: FitProblem) -> list[str]:

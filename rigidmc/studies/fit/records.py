@@ -76,7 +76,7 @@ def read_columns_option(value: Any, at: str) -> dict[str, Columns]:
             names = [word.strip() for word in words.split(",")]
         elif len(words) == 2 and not isinstance(words[0], str):
             names, unit = words
-        if not name.strip() or not all(isinstance(word, str) and word for word in names):
+        if not name.strip() or not any(names) or not all(isinstance(x, str) for x in names):
             rule = "expected OBSERVABLE=COLUMN,...[:UNIT], e.g. omega=gx,gy,gz:deg/s"
             raise OptionError(rule, at=at, value=words)
         if unit:
@@ -253,12 +253,12 @@ def _times(
 
 def _product(table: Mapping[str, Any], word: str, unit: str, wanted: str) -> Array:
     """Return a column in SI units, also with a sign or a factor before it, as ``-gx`` and
-    ``1.7e-6*wheel_rpm``; of a number alone, a column of it."""
+    ``1.7e-6*wheel_rpm``; of a number alone, a column of it; of "", no readings."""
     match = None if word in table else _FACTOR.fullmatch(word)
     sign, number, name = match.groups() if match else ("", "", word)
     factor = float(f"{sign}{number or 1}")
     if not name:
-        return np.full(len(next(iter(table.values()))), factor)
+        return np.full(len(next(iter(table.values()))), factor if number else np.nan)
     # a factor may have a unit of its own
     return _column(table, name, "columns") * factor * _factor(name, unit, "" if number else wanted)
 
@@ -304,9 +304,8 @@ def _record(name: str, rows: Any, t: Array, values: Mapping[str, Array]) -> Reco
     times, samples = {}, {}
     for observable, x in values.items():
         is_there = np.isfinite(x).all(1) if observable == WHEEL else np.isfinite(x).any(1)
-        if np.count_nonzero(is_there) < 2:
-            rule = f"{name} has {np.count_nonzero(is_there)} samples of {observable}: needs two"
-            raise OptionError(rule, at="data")
+        if not is_there.any():
+            raise OptionError(f"{name} has no samples of {observable}", at="data")
         times[observable], samples[observable] = t[is_there], x[is_there]
     if WHEEL not in times:
         return Record(name, times, samples)

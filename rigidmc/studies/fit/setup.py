@@ -117,7 +117,7 @@ def _with_saves(
     """
     longest = max(record.span[1] - record.span[0] for record in records)
     fastest = max(_fastest(scene, records), np.finfo(float).tiny)  # a start may be at rest
-    every = min(TURN / fastest, longest / LEAST) / finer
+    every = min(TURN / fastest, longest / LEAST or np.inf) / finer  # inf: of one sample
     steps = max(LEAST, int(np.ceil(longest / every - _ONE_STEP)))
     observables = tuple(dict.fromkeys(name for record in records for name in record.times))
     return scene.with_run(
@@ -129,7 +129,10 @@ def _with_saves(
 def _fastest(scene: Scene, records: Sequence[Record]) -> float:
     """Return the largest angular velocity of the data, or else of the scene [rad/s]."""
     rates = [record.values["omega"] for record in records if "omega" in record.values]
-    largest = max((float(np.nanmax(np.linalg.norm(x, axis=1))) for x in rates), default=0.0)
+    # a rate about one axis is as good a hint: the others may have no readings
+    largest = max(
+        (float(np.linalg.norm(np.nan_to_num(x), axis=1).max()) for x in rates), default=0.0
+    )
     if largest > 0.0:  # readings of a design are 0
         return largest
     spin = scene.start.spin_name
@@ -169,6 +172,8 @@ def _streams(
         )  # fmt: skip
         each = np.full(stream.channels, sigma)
         if sigma is None:
+            if times.shape[1] < 2:
+                raise OptionError("state it for records of one reading", at="noise", value=name)
             each = high_frequency_noise(stream, is_robust=loss != "linear")
         streams.append(stream._replace(noise=each))
     return tuple(streams)

@@ -81,10 +81,13 @@ def guess(
     for stream in streams:
         names = {"omega": "start.omega", "momentum": "start.momentum", "attitude": "start.attitude"}
         name = names.get(stream.observable, "")
-        if name in parameters.nominal and parameters.is_vector[name]:
-            first = np.stack([x[np.isfinite(x).all(1)][0] for x in stream.values])
-            if first.shape[1] == parameters.nominal[name].size:
-                values[name] = first
+        given = parameters.nominal.get(name, np.empty(0))
+        if stream.values.shape[2] == given.size and parameters.is_vector[name]:
+            # of each channel alone: a sensor of one axis has no readings of the others
+            values[name] = np.array([
+                [next(iter(c[np.isfinite(c)]), g) for c, g in zip(x.T, given, strict=True)]
+                for x in stream.values
+            ])  # fmt: skip
     rates = [s for s in streams if s.observable == "omega"]
     if balanced and rates and MOMENTS in parameters.nominal:
         values |= _body(parameters, rates[0], streams.index(rates[0]), values)

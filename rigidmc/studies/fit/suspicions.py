@@ -88,7 +88,7 @@ def _held(times: Array, x: Array, is_slow: bool) -> str:
     """Return what looks wrong in a channel, and put nan in place of its saturated readings."""
     seen = np.flatnonzero(np.isfinite(x))
     steps, texts = np.abs(np.diff(x[seen])), list[str]()
-    if not steps.any():
+    if x.size > 1 and not steps.any():
         return (
             f"reads {x[seen[0]]:g} at all times: a sensor that hangs?"
             if seen.size

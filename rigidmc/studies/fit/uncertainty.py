@@ -96,8 +96,10 @@ def model_error(channels: Channels, shown: Seen) -> ModelError:
     """Return the covariance of the residuals that has the largest restricted likelihood."""
     basis = _basis(shown)
     steps = channels.steps[np.isfinite(channels.steps)]
-    span, shortest = float(steps.sum()) / max(1, len(channels.parts)), float(np.median(steps))
     white = _likelihood(channels, basis, 0.0, 1.0)
+    if not steps.size:  # records of one reading
+        return ModelError(white[1], 0.0, 1.0, 0.0, white[2])
+    span, shortest = float(steps.sum()) / max(1, len(channels.parts)), float(np.median(steps))
 
     def cost(x: Any) -> float:
         return -_likelihood(channels, basis, math.exp(x[0]), math.exp(x[1]) * shortest)[0]

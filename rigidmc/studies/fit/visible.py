@@ -37,10 +37,12 @@ class Seen(NamedTuple):
         size = np.abs(self.unseen) / self.unit
         return np.asarray(size / size.max(1, keepdims=True, initial=0.0))
 
-    @property
-    def hidden(self) -> NDArray[np.bool_]:
-        """Which coordinates the data do not show alone (size,)."""
-        return np.asarray((self.shares > TAKES_PART).any(0))
+    def hides(self, slopes: Array) -> NDArray[np.bool_]:
+        """Return whether the data do not show what changes so with the coordinates (n, size)."""
+        ways = np.where(self.shares > TAKES_PART, self.unseen, 0.0).T
+        return np.asarray(
+            (np.abs(slopes @ ways) > TAKES_PART * (np.abs(slopes) @ np.abs(ways))).any(1)
+        )
 
 
 def seen(matrix: Array, slopes: Array | None = None) -> Seen:
