@@ -60,6 +60,13 @@ def test_each_observable_has_a_panel_and_each_record_a_column(study):
     assert len(pictures(study, record=2).axes) == 3
 
 
+def test_records_share_limits_that_hold_the_largest_residual_of_all(study):
+    wild = study.assign(data=study.data + 50.0 * study.noise * (study.record == 1))
+    low, high = pictures(wild).axes[-1].get_ylim()
+    residual = (wild.data - wild.model) / wild.noise
+    assert high == -low == pytest.approx(1.1 * np.abs(residual).max())
+
+
 def test_an_ellipse_has_the_form_of_its_correlation(study):
     """A point of it, in the directions of the axes of the picture, has the quantile of 95 %."""
     (axes,) = pictures(study, "corner").axes

@@ -91,7 +91,8 @@ def data_and_model(study: xr.Dataset, record: int | None, figure: Figure | None)
 
 def _draw(panels: Array, part: xr.Dataset, names: list[str]) -> None:
     """Draw one record: each observable on its band, and the residuals of all in the last panel."""
-    below, confidence, largest = panels[-1], part.attrs["confidence"], 3.0
+    below, confidence = panels[-1], part.attrs["confidence"]
+    largest = max(3.0, below.get_ylim()[1])  # records share the axis
     width, share = stats.norm.ppf(0.5 + 0.5 * confidence), f"{100.0 * confidence:g} %"
     error = part.attrs["white"] + part.attrs["lasting"]
     channels = list(dict.fromkeys(map(str, part.channel.values)))
@@ -191,8 +192,8 @@ def shown_parameters(
         last = moments[2]
         ratio = value[:, i] / value[:, last]
         slopes[i, [i, last]] = np.array([1.0, -ratio[0]]) / value[0, last]
-        value[:, i], units[i], is_shown[i] = ratio, "1", True
         deviation[i] = study.ratio_deviation.sel(moment=names[i], over=names[last])
+        value[:, i], units[i], is_shown[i] = ratio, "1", np.isfinite(deviation[i])
         symbols[i] += f"/{symbols[last]}"
     some = np.flatnonzero(is_shown)[:SHOWN]
     covariance = slopes[some] @ study.covariance.values @ slopes[some].T
