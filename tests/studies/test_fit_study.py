@@ -149,6 +149,19 @@ def test_a_torque_that_gains_little_is_not_proposed(free):
     assert not any("--set" in line for line in lines)
 
 
+def test_a_drag_that_is_not_there_makes_no_other_answers():
+    """Trials that reach drag 0 go on along it: steps clipped there rest in another answer."""
+    body, start = rm.Body((0.82, 0.2, 1.0)), rm.Start(omega=(15.0, 0.35, 0.6))
+    ds = rm.simulate(
+        rm.Scene(body, start=start), "rk8", dt=0.005, t_end=0.65, every=0.005, save="omega",
+        members=1,
+    ).isel(member=0)  # fmt: skip
+    ds["omega"] = ds.omega + np.random.default_rng(3).normal(0.0, 0.005, ds.omega.shape)
+    scene = rm.Scene(body, rm.QuadraticDrag(1e-2), start)
+    study = rm.fit(scene, ds, f"{FREE},{DRAG}", nuisances=SENSOR, trials=40)
+    assert study.sizes["answer"] == 1
+
+
 def test_a_solid_that_is_known_stays():
     """A box whose start alone is fitted: refused, as its moments were asked for as parameters."""
     start = rm.Start(omega=(9.0, 0.5, 0.6))

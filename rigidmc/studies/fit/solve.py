@@ -54,12 +54,16 @@ def minimise(
             moves[some] = True
         if not some.size:
             break
-        step, expected = damped_steps(matrix[some], gradient[some], damping[some])
+        # What would leave its limit stays: clipped at the limit, the step of all goes uphill.
+        low, high, at, g = problem.parameters.low, problem.parameters.high, x[some], gradient[some]
+        free = np.where(g < 0.0, at > low, at < high)
+        both = free[:, :, None] & free[:, None, :]
+        step, expected = damped_steps(matrix[some] * both, g * free, damping[some])
         ln_moments = slice(0, problem.parameters.mixed)
         longest = np.abs(step[:, ln_moments]).max(1, initial=0.0)
         step /= np.maximum(1.0, longest / LONGEST)[:, None]
         # A drag below 0 would drive the body: a step ends at the limit of a parameter.
-        trial = np.clip(x[some] + step, problem.parameters.low, problem.parameters.high)
+        trial = np.clip(at + step, low, high)
         tried = problem.sums(trial)
         gain = cost[some] - tried.cost
         better = gain > 0.0
