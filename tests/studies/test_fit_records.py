@@ -169,6 +169,7 @@ def test_observables_of_different_rates():
 REFUSED = {
     "t,wx,wy,wz\n0,1,2,3\n1,1,2,3\n1,4,5,6\n": ({}, "row 2 has 1 s, row 3 1 s (1 such rows)"),
     "t,wx,wy,wz\n0,1,2,3\n2,1,2,3\n1,4,5,6\n": ({}, "row 2 has 2 s, row 3 1 s"),
+    "t,wx,wy,wz\n0,1,2,3\n1,2,3,4\n": ({"between": ((9.0, 10.0),)}, "times from 0 to 1 s"),
     "t,wx,wy,wz\n": ({}, "no rows"),
     "t,wx,wy,wz\n0,nan,nan,\n1,,nan,nan\n": ({}, "has no samples of omega"),
     "t,wx,wy,wz\n0,1,2,3\n1,1,x,3\n": ({}, "row 2 is text, 'x', not a number"),
@@ -180,7 +181,7 @@ REFUSED = {
     "t,wx,wy,wz\n0,1,2,3\n1,1,2\n": ({}, "row 2 has 3"),
     "t,wx (m/s),wy (m/s),wz (m/s)\n0,1,2,3\n1,1,2,3\n": ({}, "wx (m/s)"),
     "t,wx_rad_s,b,c\n0,1,2,3\n1,1,2,3\n": (
-        {"columns": "omega=wx_rad_s,b,c:deg/s"}, "states rad/s, but its unit is given as deg/s"
+        {"columns": "omega=wx_rad_s,b,c:deg/s"}, "rad/s, but its unit is given as deg/s: rename"
     ),
     "t,a,b,c\n0,1,2,3\n1,1,2,4\n": ({"columns": "omega=a,b"}, "3 components, but 2 columns"),
     "t,a,b,column\n0,1,2,3\n1,1,2,5\n": ({"columns": "omega=a,b,columm"}, "did you mean 'column'"),

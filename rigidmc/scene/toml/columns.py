@@ -73,7 +73,7 @@ def read_text_columns(path: str, file: str, is_measured: bool = False) -> dict[s
     try:
         table = read_number_table(path, is_measured)
     except UnicodeDecodeError:
-        raise ValueError("is not UTF-8 text") from None
+        raise ValueError("is not UTF-8 text: unpack it, or export CSV") from None
     except RigidmcError:
         raise
     except ValueError as error:

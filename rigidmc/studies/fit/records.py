@@ -78,7 +78,7 @@ def read_columns_option(value: Any, at: str) -> dict[str, Columns]:
             names, unit = words
         if not name.strip() or not any(names) or not all(isinstance(x, str) for x in names):
             rule = "expected OBSERVABLE=COLUMN,...[:UNIT], e.g. omega=gx,gy,gz:deg/s"
-            raise OptionError(rule, at=at, value=words)
+            raise OptionError(rule, at=at, value=words or name)
         if unit:
             unit_of(unit, at)
         found[name.strip()] = tuple(names), unit
@@ -284,6 +284,9 @@ def _records(
     for label, some in groups:
         for low, high in between or ((-np.inf, np.inf),):
             inside = np.flatnonzero(some & (t >= low) & (t <= high))
+            if some.any() and not inside.size:
+                rule = f"{label} has times from {t[some].min():g} to {t[some].max():g} s"
+                raise OptionError(rule, at="between", value=f"{low:g}:{high:g}")
             more = f"{label} {low:g} to {high:g} s" if between else label
             yield _record(more, inside + 1, t[inside], {k: x[inside] for k, x in values.items()})
 
@@ -335,5 +338,5 @@ def _factor(name: str, unit: str, wanted: str) -> float:
             ) from None
     if len(factors) == 2 and factors[0] != factors[1]:
         rule = f"the name of {name} states {stated}, but its unit is given as {unit}"
-        raise OptionError(rule, at="columns", value=unit)
+        raise OptionError(f"{rule}: rename the column if that is right", at="columns", value=unit)
     return factors[0] if factors else 1.0

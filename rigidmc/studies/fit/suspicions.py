@@ -116,7 +116,7 @@ def _turns(rates: Rates, notes: list[str]) -> float:
     between = max(speed * float(np.median(np.diff(t))) for speed, (t, _) in pairs)
     longest = max(speed * float(t[-1] - t[0]) for speed, (t, _) in pairs)
     words = f"the body turns by {between:.3g} rad between two readings"
-    asks = "are times in ms, or rates in degrees? State the units"
+    asks = "are times in ms, or rates in degrees? Give units by --time, --columns"
     if longest > MOST_TURNED:
         raise OptionError(f"{words} and {longest:.3g} rad in a record: {asks}", at="data")
     if between > TURNED:
