@@ -36,7 +36,7 @@ from rigidmc.scene.scene import Scene
 from rigidmc.statistics import intervals
 from rigidmc.statistics.intervals import Interval
 from rigidmc.statistics.measures import Measure, measure, save_for_measures
-from rigidmc.studies.fit.parameters import MOMENTS, FitParameters
+from rigidmc.studies.fit.parameters import MOMENTS, FitParameters, ratios
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.records import Record
 from rigidmc.studies.fit.setup import make_problem
@@ -115,13 +115,10 @@ def quantities(parameters: FitParameters, asked: str = "") -> list[str]:
 def deviations(parameters: FitParameters, x: Array, shown: Seen, names: Sequence[str]) -> Array:
     """Return the standard deviations (n,) of quantities at the coordinates x, inf for those that no
     reading shows."""
-    value, slope, rows = parameters.values(x), parameters.slopes(x), []
-    for name in names:
-        i, *other = (parameters.names.index(word) for word in name.split("/"))
-        rows.append(slope[i])
-        for j in other:
-            rows[-1] = (slope[i] - value[i] / value[j] * slope[j]) / value[j]
-    slopes = np.array(rows)
+    words = [*parameters.names, "1"]  # a parameter alone is one over 1
+    i, j = np.transpose([[words.index(w) for w in f"{n}/1".split("/")[:2]] for n in names])
+    slopes = np.pad(parameters.slopes(x), ((0, 1), (0, 0)))
+    slopes = ratios(np.append(parameters.values(x), 1.0), slopes, i, j)[1]
     variance = np.einsum("qi,ij,qj->q", slopes, shown.inverse, slopes)
     # along a hidden direction, in which the coordinate with the largest share moves by its unit
     step = shown.unseen / (np.abs(shown.unseen) / shown.unit).max(1, keepdims=True, initial=0.0)

@@ -11,18 +11,19 @@ from scipy import stats
 
 from rigidmc.engine.kernel.normal_equations import ATTITUDE
 from rigidmc.errors import RigidmcError
+from rigidmc.mechanics.log_cholesky import cholesky_factor
 from rigidmc.physics.effects import name_of
 from rigidmc.scene.distributions import common
 from rigidmc.scene.parameters import units_at, with_parameters
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.varied import variables
-from rigidmc.studies.fit.missing import Candidate, Law, covariance_of, laws
-from rigidmc.studies.fit.parameters import MOMENTS, FitParameters
+from rigidmc.studies.fit.missing import Candidate, covariance_of, laws
+from rigidmc.studies.fit.parameters import ratios
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.solve import Solution
 from rigidmc.studies.fit.streams import NUISANCES, Array
 from rigidmc.studies.fit.uncertainty import Assessment
-from rigidmc.studies.fit.visible import Seen, in_words
+from rigidmc.studies.fit.visible import in_words
 from rigidmc.studies.framework.variables import StudyVariable, make_dataset
 
 AWAY = 5.0  # standard deviations: a drag that may be 0 is not drawn, since some would be below
@@ -74,7 +75,18 @@ def dataset_of(
     spread = np.sqrt(np.maximum(0.0, ((jacobian @ found.covariance) * jacobian).sum(1)))
     shown_deviation = np.where(found.shown.hides(slopes), math.inf, deviation)
     width = stats.norm.ppf(0.5 + 0.5 * confidence)
-    ratio, ratio_deviation = _ratios(parameters, allowed, found.shown)
+    ratio, ratio_deviation = np.full((2, 3, 3), np.nan)
+    if parameters.mixed:  # the moments come first
+        pairs = np.indices((3, 3)).reshape(2, -1)
+
+        def of_moments(y: Array) -> tuple[Array, Array]:
+            return ratios(parameters.values(y), parameters.slopes(y), *pairs)
+
+        each, change = of_moments(x)
+        variance = np.maximum(np.diag(covariance_of(allowed, of_moments)), 0.0)
+        ratio = each.reshape(3, 3)
+        is_hidden = found.shown.hides(change)
+        ratio_deviation = np.where(is_hidden, math.inf, np.sqrt(variance)).reshape(3, 3)
     made = {
         "value": np.stack([parameters.values(y) for y in solution.x]),
         "deviation": shown_deviation,
@@ -93,19 +105,20 @@ def dataset_of(
         "model_deviation": noise * spread,
         "noise": noise,
     }
+    units, of_parameters = _units(problem)
     coordinates = {
         "parameter": parameters.names,
         "other": parameters.names,
-        "unit": ("parameter", _units(problem)),
+        "unit": ("parameter", of_parameters),
         "sample_time": ("sample", t),
         "channel": ("sample", names),
-        "channel_unit": ("sample", _channel_units(problem, names)),
+        "channel_unit": ("sample", [units[name.partition("[")[0]] for name in names]),
         "record": ("sample", which + 1),
         "moment": list(AXES),
         "over": list(AXES),
         "sensor": [stream.observable for stream in problem.streams],
         "torque": [torque.text for torque in torques],
-        "torque_parameter": ("torque", [_new_parameter(problem, torque) for torque in torques]),
+        "torque_parameter": ("torque", [torque.parameter for torque in torques]),
         "setting": ("torque", [_setting(torque.effect) for torque in torques]),
     }
     attrs = {
@@ -122,53 +135,21 @@ def dataset_of(
     return make_dataset(VARIABLES, made, coordinates, attrs)
 
 
-def _ratios(parameters: FitParameters, allowed: Sequence[Law], shown: Seen) -> tuple[Array, Array]:
-    """Return the ratios of the principal moments (3, 3), and their standard deviations: inf
-    where nothing shows them, nan if moments are not fitted."""
-    if not parameters.mixed:
-        return np.full((3, 3), np.nan), np.full((3, 3), np.nan)
-    places = parameters.places_of(MOMENTS)[0]
-
-    def ratios(x: Array) -> tuple[Array, Array]:
-        moments = parameters.values(x)[places]
-        each, slope = moments[:, None] / moments, parameters.slopes(x)[places] / moments[:, None]
-        change = each[..., None] * (slope[:, None, :] - slope)
-        return each.ravel(), change.reshape(9, -1)
-
-    variance = np.diag(covariance_of(allowed, ratios))
-    ratio, change = ratios(allowed[0].x)
-    deviation = np.where(shown.hides(change), math.inf, np.sqrt(np.maximum(variance, 0.0)))
-    return ratio.reshape(3, 3), deviation.reshape(3, 3)
-
-
-def _units(problem: FitProblem) -> list[str]:
-    """Return the SI units of all parameters."""
-    units, parameters = [""] * problem.parameters.size, problem.parameters
+def _units(problem: FitProblem) -> tuple[dict[str, str], list[str]]:
+    """Return SI units: {observable: of its readings, a rotation vector for an attitude}, and those
+    of all parameters."""
+    parameters, recording = problem.parameters, problem.run.layout.recording
+    names = [s.observable for s in problem.streams]
+    units = {name: recording.observable(name).units for name in names}
+    units |= {s.observable: "rad" for s in problem.streams if s.kind == ATTITUDE}
+    each = np.empty(parameters.size, object)
     for column in parameters.columns:
-        if column.stream < 0:
-            (unit,) = units_at(problem.run.scene.model, [column.name])
+        if column.word:
+            unit = NUISANCES[column.word].unit or units[names[column.stream]]
         else:
-            name = problem.streams[column.stream].observable
-            observable = problem.run.layout.recording.observable(name)
-            unit = NUISANCES[column.word].unit or observable.units
-        for place in np.unique(parameters.index[:, column.columns]):
-            units[place] = unit
-    return units
-
-
-def _channel_units(problem: FitProblem, channels: Sequence[str]) -> list[str]:
-    """Return the SI units of channels; of an attitude, of a rotation vector."""
-    recording, units = problem.run.layout.recording, dict[str, str]()
-    for stream in problem.streams:
-        unit = "rad" if stream.kind == ATTITUDE else recording.observable(stream.observable).units
-        units |= dict.fromkeys(stream.channel_names(), unit)
-    return [units[channel] for channel in channels]
-
-
-def _new_parameter(problem: FitProblem, torque: Candidate) -> str:
-    """Return the parameter that a fit with another torque has besides."""
-    known = {column.name for column in problem.parameters.columns}
-    return next(c.name for c in torque.problem.parameters.columns if c.name not in known)
+            (unit,) = units_at(problem.run.scene.model, [column.name])
+        each[parameters.index[:, column.columns]] = unit
+    return units, each.tolist()
 
 
 def _setting(effect: Any) -> str:
@@ -189,7 +170,9 @@ def fitted_scene(scene: Scene, problem: FitProblem, value: Array, covariance: Ar
     # in the order of the scene, by which studies name what numbers have in common
     columns.sort(key=lambda column: list(known).index(column.name))
     places = np.concatenate([parameters.index[0, column.columns] for column in columns])
-    mean, rows = value[places], lower_rows(covariance[np.ix_(places, places)])
+    mean, own = value[places], covariance[np.ix_(places, places)]
+    rows = np.array(cholesky_factor(own.tolist()))
+    rows[rows**2 < ROUNDING * np.diag(own)[:, None]] = 0.0
     spread, low, high = AWAY * np.linalg.norm(rows, axis=1), parameters.low, parameters.high
     near = (mean - spread < low[places]) | (mean + spread > high[places])
     near &= places >= parameters.mixed  # moments are not their coordinates
@@ -205,15 +188,3 @@ def fitted_scene(scene: Scene, problem: FitProblem, value: Array, covariance: Ar
             with suppress(RigidmcError):  # what no distribution may draw stays certain
                 model = with_parameters(model, {column.name: put}, "free", known)
     return scene.with_model(model)
-
-
-def lower_rows(covariance: Array) -> Array:
-    """Return the lower triangular L with L L^T = covariance, which may be singular: what the data
-    do not show, as the size of all moments, does not vary."""
-    rows = np.zeros_like(covariance)
-    for j, variance in enumerate(np.diag(covariance)):
-        rest = covariance[j:, j] - rows[j:, :j] @ rows[j, :j]
-        if rest[0] > ROUNDING * variance:
-            rows[j:, j] = rest / math.sqrt(rest[0])
-    rows[rows**2 < ROUNDING * np.diag(covariance)[:, None]] = 0.0
-    return rows

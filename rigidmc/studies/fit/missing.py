@@ -29,16 +29,16 @@ SIZES = (1e-3, 3e-2, 1.0)  # first guesses of a torque, times |L|/(length of the
 class Candidate(NamedTuple):
     """A fit with another torque.
 
-    text : the torque, in words;  effect : with its fitted parameters
+    text : the torque, in words;  effect : with its fitted parameters;  parameter : its name
     gain : of the evidence, see `rigidmc.studies.fit.uncertainty.Assessment`
-    problem, x, found : the fit, its coordinates, and what its residuals say
+    x, found : the coordinates of the fit, and what its residuals say
     places : of the coordinates of the first fit among its own
     """
 
     text: str
     effect: Any
+    parameter: str
     gain: float
-    problem: FitProblem
     x: Array
     found: Assessment
     places: list[int]
@@ -134,5 +134,5 @@ def candidates(
         fitted = parameters.values(end)[parameters.places_of(name)[0]].tolist()
         effect = unit._replace(**{field: tuple(fitted) if len(fitted) > 1 else fitted[0]})
         gain = more.evidence - found.evidence
-        each.append(Candidate(text, effect, gain, larger, end, more, places))
+        each.append(Candidate(text, effect, name, gain, end, more, places))
     return sorted(each, key=lambda one: -one.gain)

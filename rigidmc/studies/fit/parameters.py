@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.mechanics.rotation import hat
 from rigidmc.studies.fit.streams import NUISANCES, Array, Stream
 
 PAIRS = np.ones((3, 3)) - np.eye(3)  # I = PAIRS J
@@ -215,6 +216,12 @@ class FitParameters:
         return slopes
 
 
+def ratios(value: Array, slopes: Array, i: Any, j: Any) -> tuple[Array, Array]:
+    """Return (numbers i over numbers j, their derivatives) of values and their derivatives."""
+    ratio = value[i] / value[j]
+    return ratio, (slopes[i] - ratio[:, None] * slopes[j]) / value[j][:, None]
+
+
 def left_jacobian(turn: Array) -> Array:
     """Return the derivatives (n, 3, 3) of small rotations d, exp([d]x) exp([a]x), by a (n, 3).
 
@@ -222,10 +229,7 @@ def left_jacobian(turn: Array) -> Array:
 
     Source: Chirikjian, Stochastic Models, Information Theory, and Lie Groups 2 (2012), (10.86).
     """
-    angle = np.linalg.norm(turn, axis=1)[:, None, None]
-    cross = np.zeros((turn.shape[0], 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -turn[:, 2], turn[:, 1], -turn[:, 0]
-    cross -= cross.transpose(0, 2, 1)
+    angle, cross = np.linalg.norm(turn, axis=1)[:, None, None], hat(turn)
     # By series below 1e-2, where a - sin a has lost half of its digits: the next terms are 1e-9.
     small = angle < 1e-2
     a = np.where(small, 1.0, angle)
