@@ -7,8 +7,7 @@ themselves. Source: Wensing, Kim & Slotine, IEEE RA-L 3 (2018) 60.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +20,7 @@ MOMENTS = "body.moments"
 EXTREME = 20.0  # of ln J: a trial beyond a factor of 5e8 cannot be held in a hand
 
 
-@dataclass(frozen=True)
-class Column:
+class Column(NamedTuple):
     """A parameter of one record: a number or vector of the scene, or a nuisance of a sensor.
 
     name : of the parameter;  first, size : its columns among all of a record
@@ -50,6 +48,8 @@ class FitParameters:
     index : place in the vector of all parameters of each column of a record, (records, columns)
     names : of all parameters
     moving : number of columns that change the motion
+    moments, quaternions : places of those that are free, (n, 3) and (n, 4); the length of a
+        quaternion says nothing
     low, high : limits of the coordinates
     """
 
@@ -63,7 +63,8 @@ class FitParameters:
         tied: Mapping[str, str] = {},
         inputs: Mapping[str, Array] = {},
     ) -> None:
-        """nominal : {parameter of the scene: its value};  shared : what all records have in common
+        """nominal : {parameter of the scene: its value}, moments before all others
+        shared : what all records have in common
         limits : {parameter of the scene: least and largest value of its components}
         tied : {parameter of the scene: the nuisance with which it is one}
         inputs : {parameter of the scene: its known value in each record, (records, size)}
@@ -71,11 +72,10 @@ class FitParameters:
         self.tied, self.inputs = tied, inputs
         self.nominal = {name: np.atleast_1d(np.asarray(x, float)) for name, x in nominal.items()}
         self.is_vector = {name: np.ndim(x) == 1 for name, x in nominal.items()}
-        columns: list[Column] = []
-        at = 0
-        for name in sorted(self.nominal, key=lambda word: word != MOMENTS):
-            columns.append(Column(name, at, self.nominal[name].size, name in shared))
-            at += columns[-1].size
+        columns, at = list[Column](), 0
+        for name, x in self.nominal.items():
+            columns.append(Column(name, at, x.size, name in shared))
+            at += x.size
         self.moving = at
         for i, stream in enumerate(streams):
             for word in stream.nuisances:
@@ -84,32 +84,35 @@ class FitParameters:
                 at += size
         self.columns, self.records = tuple(columns), records
         self.index, self.names = self._places(at)
+        self.moments = self._vectors(MOMENTS, 3)
+        self.quaternions = self._vectors("start.attitude", 4)
         self.low, self.high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
-        if self.mixed:  # in their own coordinates
-            limits = dict(limits)
-            middle = np.log(np.mean(self.nominal[MOMENTS]))
-            limits[MOMENTS] = middle - EXTREME, middle + EXTREME
         for name, (low, high) in limits.items():
             self.low[self.places_of(name)], self.high[self.places_of(name)] = low, high
+        if self.mixed:  # in their own coordinates
+            middle = np.log(np.mean(self.nominal[MOMENTS]))
+            self.low[self.moments], self.high[self.moments] = middle - EXTREME, middle + EXTREME
 
     def _places(self, size: int) -> tuple[NDArray[np.int64], list[str]]:
         """Return `index` and `names`."""
         index, names = np.empty((self.records, size), np.int64), list[str]()
-        tied = dict[str, NDArray[np.int64]]()
+        places = dict[str, NDArray[np.int64]]()
         for column in self.columns:
             for record in range(self.records):
                 name = self.tied.get(column.name, column.name)
-                if name in tied:
-                    place = tied[name]
-                elif record == 0 or not column.is_shared:
-                    place = len(names) + np.arange(column.size)
-                    mark = "" if column.is_shared or self.records == 1 else f"[{record + 1}]"
+                if not column.is_shared and self.records > 1:
+                    name += f"[{record + 1}]"
+                if name not in places:
+                    places[name] = len(names) + np.arange(column.size)
                     each = [f".{k + 1}" for k in range(column.size)] if column.size > 1 else [""]
-                    names += [f"{name}{mark}{word}" for word in each]
-                    if column.name in self.tied:
-                        tied[name] = place
-                index[record, column.columns] = place
+                    names += [name + word for word in each]
+                index[record, column.columns] = places[name]
         return index, names
+
+    def _vectors(self, name: str, size: int) -> NDArray[np.int64]:
+        """Return the places of a free vector (n, size), once if all records have the same."""
+        is_free = len(self.nominal.get(name, ())) == size
+        return np.unique(self.places_of(name), axis=0) if is_free else np.empty((0, size), np.int64)
 
     @property
     def size(self) -> int:
@@ -120,13 +123,6 @@ class FitParameters:
     def mixed(self) -> int:
         """Number of columns whose derivatives the coordinates mix: the moments, or none."""
         return 3 if MOMENTS in self.nominal else 0
-
-    @property
-    def quaternions(self) -> NDArray[np.int64]:
-        """Places of the quaternion of each record, (records, 4); its length says nothing."""
-        name = "start.attitude"
-        is_one = len(self.nominal.get(name, ())) == 4
-        return self.places_of(name) if is_one else np.empty((0, 4), np.int64)
 
     def places_of(self, name: str) -> NDArray[np.int64]:
         """Return the places of a parameter, (records, components)."""
@@ -142,10 +138,8 @@ class FitParameters:
             value = np.asarray(values.get(column.name, default), float)
             value = np.broadcast_to(value, (self.records, column.size))
             if column.name == MOMENTS:
-                second = np.maximum(value @ np.linalg.inv(PAIRS), 1e-6 * value.max())
-                value = np.log(second)
-            for record in range(self.records):
-                x[self.index[record, column.columns]] = value[record]
+                value = np.log(np.maximum(value @ np.linalg.inv(PAIRS), 1e-6 * value.max()))
+            x[self.index[:, column.columns]] = value
         return x
 
     def of_scene(self, x: Array) -> dict[str, Any]:
@@ -180,25 +174,21 @@ class FitParameters:
         columns)."""
         rows = x[:, self.index].reshape(-1, self.index.shape[1])
         turns = np.tile(np.eye(rows.shape[1]), (rows.shape[0], 1, 1))
+        at = {column.name: column.columns for column in self.columns}
         for column in self.columns:
+            own = column.columns
             if column.word == "alignment":
-                block = left_jacobian(rows[:, column.columns])
-                turns[:, column.columns, column.columns] = block
+                turns[:, own, own] = left_jacobian(rows[:, own])
             elif column.word == "offset":
-                turns[:, column.columns, column.columns] = 1.0 / every
-            elif column.name in self.tied:
-                (one,) = (c.columns for c in self.columns if c.name == self.tied[column.name])
-                # as both have one place, where the later column counts
-                turns[:, column.columns, one] = turns[:, column.columns, column.columns]
-                turns[:, column.columns, column.columns] = 0.0
+                turns[:, own, own] = 1.0 / every
+            elif column.name in self.tied:  # as both have one place, where the later column counts
+                turns[:, own, at[self.tied[column.name]]], turns[:, own, own] = np.eye(3), 0.0
         return turns
 
     def values(self, x: Array) -> Array:
         """Return parameters (size,) from their coordinates."""
         values = np.array(x)
-        if self.mixed:
-            for places in self.places_of(MOMENTS):
-                values[places] = np.exp(x[places]) @ PAIRS
+        values[self.moments] = np.exp(x[self.moments]) @ PAIRS
         for places in self.quaternions:
             values[places] /= np.copysign(np.linalg.norm(x[places]), x[places[0]])
         return values
@@ -206,9 +196,8 @@ class FitParameters:
     def slopes(self, x: Array) -> Array:
         """Return the derivatives of the parameters by their coordinates, (size, size)."""
         slopes = np.eye(self.size)
-        if self.mixed:
-            for places in self.places_of(MOMENTS):
-                slopes[np.ix_(places, places)] = PAIRS * np.exp(x[places])
+        for places in self.moments:
+            slopes[np.ix_(places, places)] = PAIRS * np.exp(x[places])
         for places in self.quaternions:
             size = np.copysign(np.linalg.norm(x[places]), x[places[0]])
             across = np.eye(4) - np.outer(x[places], x[places]) / size**2
@@ -230,9 +219,8 @@ def left_jacobian(turn: Array) -> Array:
     Source: Chirikjian, Stochastic Models, Information Theory, and Lie Groups 2 (2012), (10.86).
     """
     angle, cross = np.linalg.norm(turn, axis=1)[:, None, None], hat(turn)
-    # By series below 1e-2, where a - sin a has lost half of its digits: the next terms are 1e-9.
-    small = angle < 1e-2
-    a = np.where(small, 1.0, angle)
-    first = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(a)) / a**2)
-    second = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (a - np.sin(a)) / a**3)
+    first = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
+    # By a series below 1e-2, where a - sin a has lost half of its digits: the next term is 1e-9.
+    a = np.maximum(angle, 1e-2)
+    second = np.where(a > angle, 1.0 / 6.0 - angle**2 / 120.0, (a - np.sin(a)) / a**3)
     return np.asarray(np.eye(3) + first * cross + second * (cross @ cross))
