@@ -1,6 +1,5 @@
 """The page of a fit: the body of each record turns beside its readings."""
 
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -15,6 +14,7 @@ from rigidmc.runs.simulate import simulate
 from rigidmc.scene.parameters import with_parameters
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.varied import variables
+from rigidmc.studies.fit.parameters import record_of
 from rigidmc.views.viewer.data import to_base64
 from rigidmc.views.viewer.page import MOST, view
 
@@ -33,9 +33,8 @@ def motion(study: xr.Dataset) -> xr.Dataset:
     scene, records = Scene.loads(study.attrs["fitted"]), int(study.record.max())
     known, rows = variables(scene.model), dict[str, Array]()
     for name, value in zip(study.parameter.values, study.value.values[0], strict=True):
-        own = re.search(r"\[(\d+)\]", name)
-        key, some = re.sub(r"\[\d+\]", "", name), slice(None) if own is None else int(own[1]) - 1
-        rows.setdefault(key, np.empty(records))[some] = value
+        key, record = record_of(name)
+        rows.setdefault(key, np.empty(records))[record - 1 if record else slice(None)] = value
     values: dict[str, Any] = {}
     for key, row in rows.items():
         vector, _, last = key.rpartition(".")
@@ -51,22 +50,17 @@ def motion(study: xr.Dataset) -> xr.Dataset:
 
 def _readings(part: xr.Dataset) -> Iterator[dict[str, Any]]:
     """Yield the data of each observable of a record: its channels at all times of any of them."""
-    channels = list(map(str, np.unique(part.channel)))
-    for name in dict.fromkeys(channel.partition("[")[0] for channel in channels):
-        some = [channel for channel in channels if channel.partition("[")[0] == name]
-        own = part.isel(sample=np.isin(part.channel.values, some))
-        times = np.unique(own.sample_time)
-        own = own.assign(residual=(own.data - own.model) / own.noise)
-        found = dict[str, Array]()
-        for key in ("data", "model", "residual"):
-            found[key] = np.full((len(some), times.size), np.nan)
-            for row, word in zip(found[key], some, strict=True):
-                each = own[key][own.channel.values == word]
-                row[np.searchsorted(times, each.sample_time)] = each
+    part = part.assign(residual=(part.data - part.model) / part.noise)
+    observables = np.array([word.partition("[")[0] for word in part.channel.values])
+    for name in np.unique(observables):
+        own = part[["data", "model", "residual"]].isel(sample=observables == name)
+        unit, own = str(own.channel_unit.values[0]), own.drop_vars(["record", "channel_unit"])
+        whole = own.set_index(sample=["sample_time", "channel"]).unstack("sample")
         yield {
             "name": in_symbols(name),
-            "upward": with_units(in_symbols(name), str(own.channel_unit.values[0])),
-            "names": [in_symbols(word) for word in some],
-            "t": to_base64(times),
-            **{key: [to_base64(row) for row in rows] for key, rows in found.items()},
-        }
+            "upward": with_units(in_symbols(name), unit),
+            "names": [in_symbols(word) for word in whole.channel.values],
+            "t": to_base64(whole.sample_time),
+            **{str(key): [to_base64(row) for row in x.transpose("channel", ...)]
+               for key, x in whole.items()},
+        }  # fmt: skip

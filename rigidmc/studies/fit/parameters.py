@@ -205,6 +205,13 @@ class FitParameters:
         return slopes
 
 
+def record_of(name: str) -> tuple[str, int]:
+    """Return (the parameter without its record, the number of this record, 0 for all)."""
+    first, _, rest = name.partition("[")
+    number, _, last = rest.partition("]")
+    return first + last, int(number or 0)
+
+
 def ratios(value: Array, slopes: Array, i: Any, j: Any) -> tuple[Array, Array]:
     """Return (numbers i over numbers j, their derivatives) of values and their derivatives."""
     ratio = value[i] / value[j]

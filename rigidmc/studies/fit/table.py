@@ -1,16 +1,15 @@
 """The table of a fit, as lines of text."""
 
 import math
-import re
 from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.results.labels import count_text, units_text
 from rigidmc.studies.fit.dataset import AXES
 from rigidmc.studies.fit.draws import lines_of
+from rigidmc.studies.fit.parameters import record_of
 from rigidmc.studies.fit.uncertainty import SEEN
 
 MOST_ANSWERS = 4  # printed besides the best: a screen has 24 lines
@@ -27,7 +26,7 @@ def table(study: xr.Dataset) -> list[str]:
     ]
     lines += [f"  {text}" for key in ("notes", "unseen") for text in a[key].splitlines()]
     rows = [("parameter", "value", "std. dev.", "unit"), *_rows(study)]
-    if np.isinf(study.deviation.values[_is_moment(study)]).any():
+    if np.isinf(study.deviation[study.parameter.isin(AXES)]).any():
         for i in range(2):
             value, deviation = study.ratio.values[i, 2], study.ratio_deviation.values[i, 2]
             rows.append((f"{AXES[i]}/{AXES[2]}", *in_digits(value, deviation), ""))
@@ -44,10 +43,6 @@ def table(study: xr.Dataset) -> list[str]:
     return lines + (lines_of(study, in_digits) if "drawn" in study else [])
 
 
-def _is_moment(study: xr.Dataset) -> NDArray[np.bool_]:
-    return np.array([name in AXES for name in study.parameter.values])
-
-
 def in_digits(value: float, deviation: float) -> tuple[str, str]:
     """Write a value with the digits that its standard deviation leaves, and the deviation."""
     if not 0.0 < deviation < math.inf:
@@ -61,7 +56,7 @@ def _rows(study: xr.Dataset) -> Iterator[tuple[str, str, str, str]]:
     """Yield the rows of the table of parameters; a number of each record is one row for all."""
     families: dict[str, list[int]] = {}
     for i, name in enumerate(study.parameter.values):
-        families.setdefault(re.sub(r"\[\d+\]", "", str(name)), []).append(i)
+        families.setdefault(record_of(name)[0], []).append(i)
     values, deviations = study.value.values[0], study.deviation.values
     for name, some in families.items():
         unit = units_text(str(study.unit.values[some[0]]))
