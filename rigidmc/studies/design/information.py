@@ -41,7 +41,7 @@ from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.records import Record
 from rigidmc.studies.fit.setup import make_problem
 from rigidmc.studies.fit.streams import Array
-from rigidmc.studies.fit.visible import TAKES_PART, UNSEEN, Seen, seen
+from rigidmc.studies.fit.visible import TAKES_PART, Seen, seen
 from rigidmc.studies.propagate.covariance import factor_of, of_distributions
 
 FINER = 1, 2, 4, 8, 16, 32, 64  # divisors of the step, as in a fit
@@ -155,21 +155,15 @@ class Pairs(NamedTuple):
         places = np.array([parameters.names.index(name) for name in self.names])
         values = np.tile(parameters.values(parameters.coordinates({})), (len(theta), 1))
         values[:, places] = theta
-        of = {c.name: parameters.index[0, c.columns] for c in parameters.columns if c.stream < 0}
-        x = np.stack([parameters.coordinates({k: v[at] for k, at in of.items()}) for v in values])
-        sums, by_z = problem.sums(x), np.eye(parameters.size)
+        x, by_z = parameters.coordinates_of(values), np.eye(parameters.size)
         by_z[places[:, None], places] = self.factor
         turn = np.tile(by_z, (len(x), 1, 1))  # of coordinates by z and all others
-        if parameters.mixed:
-            mixed, chain = turn[:, : parameters.mixed], parameters.chain(x).transpose(2, 0, 1)
-            mixed[:] = np.linalg.inv(chain) @ mixed
+        chain = parameters.chain(x).transpose(2, 0, 1)
+        turn[:, : parameters.mixed] = np.linalg.inv(chain) @ turn[:, : parameters.mixed]
+        sums = problem.sums(x)
         matrix = turn.transpose(0, 2, 1) @ sums.matrix @ turn
         matrix[:, places, places] += 1.0  # known before
-        unit = np.sqrt(np.einsum("mii->mi", matrix))
-        unit[unit == 0.0] = 1.0  # no reading shows a nuisance
-        scale = unit[:, :, None] * unit[:, None, :]
-        least = UNSEEN * parameters.size
-        inverse = np.linalg.pinv(matrix / scale, rcond=least, hermitian=True) / scale
+        inverse = np.stack([seen(one).inverse for one in matrix])
         k, v = np.linalg.eigh(inverse[:, places[:, None], places])
         a = 1.0 - np.where(np.isfinite(sums.cost)[:, None], np.clip(k, 0.0, 1.0), np.nan)
         z, e = (np.einsum("mji,mj->mi", v, draw) for draw in (self.z, self.e))

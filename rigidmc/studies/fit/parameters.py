@@ -129,17 +129,20 @@ class FitParameters:
         (column,) = (c for c in self.columns if c.name == name)
         return self.index[:, column.columns]
 
-    def coordinates(self, values: Mapping[str, Array]) -> Array:
+    def coordinates(self, given: Mapping[str, Any]) -> Array:
         """Return the coordinates of parameters by name, (components,) or (records, components);
         the nominal values of the others, and 0 for nuisances."""
-        x = np.zeros(self.size)
+        values = np.zeros(self.size)
         for column in self.columns:
-            default = self.nominal.get(column.name, np.zeros(column.size))
-            value = np.asarray(values.get(column.name, default), float)
-            value = np.broadcast_to(value, (self.records, column.size))
-            if column.name == MOMENTS:
-                value = np.log(np.maximum(value @ np.linalg.inv(PAIRS), 1e-6 * value.max()))
-            x[self.index[:, column.columns]] = value
+            value = given.get(column.name, self.nominal.get(column.name, 0.0))
+            values[self.index[:, column.columns]] = value
+        return self.coordinates_of(values)
+
+    def coordinates_of(self, values: Array) -> Array:
+        """Return the coordinates of values (..., size) of all parameters."""
+        x, moments = np.array(values), values[..., self.moments]
+        least = 1e-6 * moments.max(-1, keepdims=True)  # noise may ask for a plate, or less
+        x[..., self.moments] = np.log(np.maximum(moments @ np.linalg.inv(PAIRS), least))
         return x
 
     def of_scene(self, x: Array) -> dict[str, Any]:
