@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.errors import OptionError, unknown
-from rigidmc.studies.fit.posterior import SAMPLERS, package
+from rigidmc.errors import OptionError
+from rigidmc.studies.fit.posterior import SAMPLERS
 from rigidmc.studies.fit.problem import LOSSES
 from rigidmc.studies.fit.records import read_columns_option
 from rigidmc.studies.fit.streams import NUISANCES
@@ -23,37 +23,18 @@ class PictureOptions(Options):
     record: int | None = option(None, "the only record to draw, from 1; by default the first four")
 
 
-def read_interval(text: str, at: str) -> tuple[float, float]:
-    """Return an interval of time [s] of a text FROM:TO; OptionError."""
-    try:
-        low, high = map(float, text.split(":"))
-    except ValueError:
-        low = high = np.nan
-    if not low < high:
-        raise OptionError("expected FROM:TO in seconds, e.g. 0.9:1.4", at=at, value=text)
-    return low, high
-
-
-def read_intervals(value: Any, at: str) -> tuple[tuple[float, float], ...]:
-    """Return intervals of time of texts, or of pairs of numbers; OptionError."""
-    pairs = (value,) if isinstance(value, str) else value
-    texts = (x if isinstance(x, str) else ":".join(map(repr, x)) for x in pairs)
-    return tuple(read_interval(text, at) for text in texts)
-
-
-def read_loss(value: Any, at: str) -> str:
-    """Return the name of a loss; OptionError."""
-    if value not in LOSSES:
-        raise unknown("loss", LOSSES, at=at, value=value, error=OptionError)
-    return str(value)
-
-
-def read_sampler(value: Any, at: str) -> str:
-    """Return the name of a sampler whose package is installed; OptionError."""
-    if value not in SAMPLERS:
-        raise unknown("sampler", SAMPLERS, at=at, value=value, error=OptionError)
-    package(SAMPLERS[value][0])
-    return str(value)
+def read_intervals(value: Any, at: str) -> list[tuple[float, float]]:
+    """Return intervals of time [s] of texts FROM:TO, or of pairs of numbers; OptionError."""
+    found = list[tuple[float, float]]()
+    for one in (value,) if isinstance(value, str) else value:
+        try:
+            low, high = map(float, one.split(":") if isinstance(one, str) else one)
+        except (TypeError, ValueError):
+            low = high = np.nan
+        if not low < high:
+            raise OptionError("expected FROM:TO in seconds, e.g. 0.9:1.4", at=at, value=one)
+        found.append((low, high))
+    return found
 
 
 class FitOptions(Options):
@@ -117,7 +98,7 @@ class FitOptions(Options):
     loss: str = option(
         "linear",
         "cost of outliers: squares (linear, by default), or less (huber, cauchy)",
-        reader=read_loss,
+        words=LOSSES,
         is_new=True,
     )
     each: Names | None = option(
@@ -125,7 +106,7 @@ class FitOptions(Options):
     )
     trials: int = option(100, "first guesses; by default 100", is_new=True)
     posterior: str | None = option(
-        None, "draw the posterior by emcee, or for many parameters by nuts", reader=read_sampler
+        None, "draw the posterior by emcee, or for many parameters by nuts", words=SAMPLERS
     )
     draws: int = option(1000, "draws of each chain; by default 1000")
     chains: int = option(4, "independent chains; by default 4", least=2)

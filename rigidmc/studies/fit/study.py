@@ -56,6 +56,7 @@ from rigidmc.studies.fit.dataset import VARIABLES, dataset_of
 from rigidmc.studies.fit.draws import DRAWS, draw, save_groups
 from rigidmc.studies.fit.missing import candidates
 from rigidmc.studies.fit.options import FitOptions, PictureOptions
+from rigidmc.studies.fit.posterior import SAMPLERS, package
 from rigidmc.studies.fit.prior import Prior
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.records import Record
@@ -110,6 +111,8 @@ def refuse_draws(options: FitOptions, loss: str) -> None:
         raise OptionError("needs a posterior: --posterior nuts", at="pool", value=options.pool)
     if options.posterior and loss != "linear":
         raise OptionError("needs the loss linear: others have no likelihood", at="posterior")
+    if options.posterior:
+        package(SAMPLERS[options.posterior][0])
 
 
 def start(
@@ -126,10 +129,8 @@ def start(
     where: Any = options.between or ()
     source = options.data, options.columns or {}, options.time, options.split, where, options.rate
     records, notes = examine(plain, records_of(scene, *source), options.nuisances or ())
-    words = "free", "own", "nuisances"
-    given = options.free, options.each, options.nuisances
-    asked: dict[str, Any] = {k: list(x or ()) for k, x in zip(words, given, strict=True)}
-    asked["loss"] = options.loss
+    named = {"free": options.free, "own": options.each, "nuisances": options.nuisances}
+    asked: dict[str, Any] = {"loss": options.loss, **{k: list(x or ()) for k, x in named.items()}}
     run = make_problem(scene, records=records, noise=options.noise, threads=1, **asked).run
     batch = DRAWN * min(max(options.trials // (4 * DRAWN), 1), MOST_DRAWN)
     return scene, {

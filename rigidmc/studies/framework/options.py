@@ -4,12 +4,12 @@ import inspect
 import math
 import re
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from numbers import Real
 from typing import Any, Self, dataclass_transform, get_args, get_type_hints
 
-from rigidmc.errors import OptionError, SceneError
+from rigidmc.errors import OptionError, SceneError, unknown
 from rigidmc.inputs.amounts import read_count, read_seconds, words_of
 from rigidmc.inputs.measured import as_measured, in_units, quantity_text
 from rigidmc.scene.model import Model
@@ -35,7 +35,7 @@ class Option:
     more : addition to `text` in the docstring
     unit : of a number
     above, below : open bounds of a number;  least, most : of a count
-    rule : allowed values, for errors
+    rule : allowed values, for errors;  words : allowed ones
     metavar : placeholder of the value on the help page
     is_new : whether it defines members, and is refused for existing members
     missing : error message of a new study without it; a study on disk has it already
@@ -53,6 +53,7 @@ class Option:
     least: int = 1
     most: int | None = None
     rule: str = ""
+    words: Collection[str] = ()
     metavar: str = ""
     is_new: bool = False
     missing: str = ""
@@ -77,6 +78,8 @@ class Option:
             return self._number(value)
         if self.type is Time:
             return read_seconds(value, self.name)
+        if self.words and value not in self.words:
+            raise unknown(self.name, self.words, at=self.name, value=value, error=OptionError)
         if self.type == Words:
             return (value,) if isinstance(value, str) else tuple(value)
         if self.type == Names:

@@ -52,7 +52,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from rigidmc.errors import OptionError, unknown
 from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.physics.observables import saved_observables
 from rigidmc.results.labels import count_text
@@ -117,6 +116,7 @@ class GradientOptions(Options):
         "auto",
         'estimator: "path", by derivatives of members, "score", by the likelihood ratio, or'
         ' "auto"; by default "auto", which is "path" where possible',
+        words=METHODS,
     )
     confidence: float = confidence_option("confidence level of the intervals")
 
@@ -132,8 +132,6 @@ def scene_with_derivatives(
     scene: Scene, options: GradientOptions, settings: Mapping[str, Any]
 ) -> Scene:
     """Return the scene with the members of the study; OptionError, SceneError."""
-    if options.method not in METHODS:
-        raise unknown("method", METHODS, at="method", value=options.method, error=OptionError)
     save = observables_of(scene.observables, options.of)
     at_saves = saved_observables(scene.run.save, scene.observables)
     others = tuple(name for name in scene.run.save if name not in at_saves)
