@@ -310,9 +310,9 @@ def _record(name: str, rows: Any, t: Array, values: Mapping[str, Array]) -> Reco
         if not is_there.any():
             raise OptionError(f"{name} has no samples of {observable}", at="data")
         times[observable], samples[observable] = t[is_there], x[is_there]
-    if WHEEL not in times:
-        return Record(name, times, samples)
-    return Record(name, times, samples, {"t": times.pop(WHEEL), "momenta": samples.pop(WHEEL)})
+    is_driven = WHEEL in times
+    wheel = {"t": times.pop(WHEEL), "momenta": samples.pop(WHEEL)} if is_driven else {}
+    return Record(name, times, samples, wheel)
 
 
 def _factor(name: str, unit: str, wanted: str) -> float:
@@ -320,23 +320,21 @@ def _factor(name: str, unit: str, wanted: str) -> float:
 
     wanted : units that are right; "" for any
     """
-    stated = ""
-    if match := _IN_BRACKETS.search(name) or _SUFFIX.search(name):
-        stated = match[1] if match.re is _IN_BRACKETS else match[1].replace("_", "/")
-        stated = stated.replace("day", "d")
-    factors = []
-    for text in (unit, stated):
-        try:
-            if text:
-                at = converter(text, wanted, "columns") if wanted else unit_of(text, "columns")
-                factors.append(float(at.convert(1.0)))
-        except SceneError as error:
-            if match and match.re is _SUFFIX and text == stated:
-                continue  # a name that ends like a unit
-            raise OptionError(
-                f"{name}: {error.rule}", at="columns", nearest=error.nearest
-            ) from None
-    if len(factors) == 2 and factors[0] != factors[1]:
+    match = _IN_BRACKETS.search(name)
+    stated = match[1].replace("day", "d") if match else ""
+    if match is None and (suffix := _SUFFIX.search(name)):
+        at = unit_of(suffix[1].replace("_", "/").replace("day", "d"), "columns")
+        # else a name that ends like a unit
+        stated = at.text if not wanted or at.is_for(unit_of(wanted, "columns")) else ""
+    given = [text for text in (unit, stated) if text]
+    try:
+        units = [
+            converter(x, wanted, "columns") if wanted else unit_of(x, "columns") for x in given
+        ]
+    except SceneError as error:
+        raise OptionError(f"{name}: {error.rule}", at="columns", nearest=error.nearest) from None
+    factors = [float(one.convert(1.0)) for one in units] or [1.0]
+    if factors[0] != factors[-1]:
         rule = f"the name of {name} states {stated}, but its unit is given as {unit}"
         raise OptionError(f"{rule}: rename the column if that is right", at="columns", value=unit)
-    return factors[0] if factors else 1.0
+    return factors[0]
