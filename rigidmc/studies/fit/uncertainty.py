@@ -80,15 +80,11 @@ def by_channel(
     """Sort residuals, in order of time, by their channels. channel : of each, among channels of all
     records;  index : places of the coordinates of each channel (channels, columns)"""
     order = np.argsort(channel, kind="stable")
-    steps = np.diff(times[order], prepend=-np.inf)
-    bounds = np.searchsorted(channel[order], np.arange(len(index) + 1))
-    steps[bounds[:-1][np.diff(bounds) > 0]] = np.inf
-    rows = np.empty((order.size, 1 + index.shape[1]))
-    rows[:, 0] = residuals[order]
-    parts = []
-    for low, high, places in zip(bounds[:-1], bounds[1:], index, strict=True):
-        rows[low:high, 1:] = jacobian[order[low:high, None], places]
-        parts.append((int(low), int(high), np.append(0, 1 + places)))
+    of_each, places = channel[order], np.pad(1 + index, ((0, 0), (1, 0)))
+    steps = np.where(np.diff(of_each, prepend=-1), np.inf, np.diff(times[order], prepend=0.0))
+    rows = np.column_stack([residuals[order], jacobian[order[:, None], index[of_each]]])
+    bounds = np.searchsorted(of_each, np.arange(len(index) + 1))
+    parts = list(zip(bounds[:-1], bounds[1:], places, strict=True))
     return Channels(steps, rows, parts, jacobian.shape[1])
 
 
