@@ -115,10 +115,10 @@ def quantities(parameters: FitParameters, asked: str = "") -> list[str]:
 def deviations(parameters: FitParameters, x: Array, shown: Seen, names: Sequence[str]) -> Array:
     """Return the standard deviations (n,) of quantities at the coordinates x, inf for those that no
     reading shows."""
-    words = [*parameters.names, "1"]  # a parameter alone is one over 1
-    i, j = np.transpose([[words.index(w) for w in f"{n}/1".split("/")[:2]] for n in names])
+    words = [*parameters.names, ""]  # a parameter alone is one over 1
+    pairs = [[words.index(word) for word in name.partition("/")[::2]] for name in names]
     slopes = np.pad(parameters.slopes(x), ((0, 1), (0, 0)))
-    slopes = ratios(np.append(parameters.values(x), 1.0), slopes, i, j)[1]
+    slopes = ratios(np.append(parameters.values(x), 1.0), slopes, *np.transpose(pairs))[1]
     variance = np.einsum("qi,ij,qj->q", slopes, shown.inverse, slopes)
     # along a hidden direction, in which the coordinate with the largest share moves by its unit
     step = shown.unseen / (np.abs(shown.unseen) / shown.unit).max(1, keepdims=True, initial=0.0)

@@ -136,8 +136,8 @@ def dataset_of(
 
 
 def _units(problem: FitProblem) -> tuple[dict[str, str], list[str]]:
-    """Return SI units: {observable: of its readings, a rotation vector for an attitude}, and those
-    of all parameters."""
+    """Return ({observable: SI units of its readings, a rotation vector for an attitude}, SI units
+    of all parameters)."""
     parameters, recording = problem.parameters, problem.run.layout.recording
     names = [s.observable for s in problem.streams]
     units = {name: recording.observable(name).units for name in names}
