@@ -93,10 +93,10 @@ def _draw(panels: Array, part: xr.Dataset, names: list[str]) -> None:
             ends = np.transpose([middle - by * reach, middle + by * reach])
             axes.plot(t, ends, "-.", lw=0.6, color=GREY, label=f"{share} readings")
         style: Any = {"color": COLOURS[i % len(COLOURS)], "mfc": "none", "mew": 0.6}
-        above.plot(t, some.data.values, "ox+"[i % 3], ms=3.5, **style)
+        above.plot(t, some.data.values, "ox+s^v"[i % 6], ms=3.5, **style)
         above.plot(t, model, ("-", "--", ":")[i % 3], lw=1.2, **style)
         label = f"readings of {in_symbols(name)}"
-        below.plot(t, residual, "ox+"[i % 3], ms=3.0, label=label, **style)
+        below.plot(t, residual, "ox+s^v"[i % 6], ms=3.0, label=label, **style)
     below.axhline(0.0, lw=0.8, color=GREY)
     below.set_ylim(-largest, largest)
 
