@@ -41,7 +41,7 @@ from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.records import Record
 from rigidmc.studies.fit.setup import make_problem
 from rigidmc.studies.fit.streams import Array
-from rigidmc.studies.fit.visible import TAKES_PART, Seen, seen
+from rigidmc.studies.fit.visible import Seen, seen
 from rigidmc.studies.propagate.covariance import factor_of, of_distributions
 
 FINER = 1, 2, 4, 8, 16, 32, 64  # divisors of the step, as in a fit
@@ -120,10 +120,7 @@ def deviations(parameters: FitParameters, x: Array, shown: Seen, names: Sequence
     slopes = np.pad(parameters.slopes(x), ((0, 1), (0, 0)))
     slopes = ratios(np.append(parameters.values(x), 1.0), slopes, *np.transpose(pairs))[1]
     variance = np.einsum("qi,ij,qj->q", slopes, shown.inverse, slopes)
-    # along a hidden direction, in which the coordinate with the largest share moves by its unit
-    step = shown.unseen / (np.abs(shown.unseen) / shown.unit).max(1, keepdims=True, initial=0.0)
-    moves = np.abs(slopes @ step.T) > TAKES_PART * (np.abs(slopes) @ shown.unit)[:, None]
-    return np.where(moves.any(1), math.inf, np.sqrt(np.maximum(variance, 0.0)))
+    return np.where(shown.hides(slopes), math.inf, np.sqrt(np.maximum(variance, 0.0)))
 
 
 class Pairs(NamedTuple):
