@@ -157,6 +157,15 @@ def test_records_of_a_table():
     assert [r.times["omega"].tolist() for r in some] == [[0, 1], [3, 4, 5]]
 
 
+def test_intervals_are_texts_or_pairs():
+    given = {"data": "toss", "free": "start.omega"}
+    for between in ("0.9:1.4", [(0.9, 1.4)], ["0.9:1.4"]):
+        assert FitOptions.read({**given, "between": between}).between == [(0.9, 1.4)]
+    for between in ("1.4:0.9", "1", "a:b", (0.9, 1.4)):
+        with pytest.raises(OptionError, match="expected FROM:TO in seconds"):
+            FitOptions.read({**given, "between": between})
+
+
 def test_observables_of_different_rates():
     t, w, q = np.arange(6.0), np.ones((6, 3)), np.zeros((6, 4))
     q[1::2], w[3] = np.nan, np.nan
