@@ -176,14 +176,12 @@ def fitted_scene(scene: Scene, problem: FitProblem, value: Array, covariance: Ar
     spread, low, high = AWAY * np.linalg.norm(rows, axis=1), parameters.low, parameters.high
     near = (mean - spread < low[places]) | (mean + spread > high[places])
     near &= places >= parameters.mixed  # moments are not their coordinates
-    numbers = [
-        common(m, *np.trim_zeros(row, "b")) if row.any() and not is_near else float(m)
-        for m, row, is_near in zip(mean, rows, near, strict=True)
-    ]
+    drawn, some = value.astype(object), rows.any(1) & ~near
+    for place, row in zip(places[some], rows[some], strict=True):
+        drawn[place] = common(value[place], *np.trim_zeros(row, "b"))
     for column in columns:
-        drawn, numbers = tuple(numbers[: column.size]), numbers[column.size :]
-        certain = tuple(value[parameters.index[0, column.columns]].tolist())
-        for each in (certain, drawn):
+        for numbers in (value, drawn):
+            each = tuple(numbers[parameters.index[0, column.columns]].tolist())
             put = each if parameters.is_vector[column.name] else each[0]
             with suppress(RigidmcError):  # what no distribution may draw stays certain
                 model = with_parameters(model, {column.name: put}, "free", known)

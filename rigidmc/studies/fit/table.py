@@ -71,14 +71,12 @@ def _rows(study: xr.Dataset) -> Iterator[tuple[str, str, str, str]]:
 def _other_answers(study: xr.Dataset) -> list[str]:
     """Return lines about further answers, with the parameters of all records."""
     lines, names = list[str](), [str(name) for name in study.parameter.values]
+    names = [name for name in names if not name.startswith("start.") and "[" not in name]
     for i in range(1, study.sizes["answer"])[:MOST_ANSWERS]:
+        values = zip(names, study.value[i].sel(parameter=names).values, strict=True)
+        text = ", ".join(f"{name} {value:.4g}" for name, value in values)
         cost, least = study.cost.values[[i, 0]]
-        texts = [
-            f"{name} {value:.4g}"
-            for name, value in zip(names, study.value.values[i], strict=True)
-            if not name.startswith("start.") and "[" not in name
-        ]
-        lines.append(f"  another answer, cost {cost:.4g} beside {least:.4g}: {', '.join(texts)}")
+        lines.append(f"  another answer, cost {cost:.4g} beside {least:.4g}: {text}")
     if study.sizes["answer"] - 1 > MOST_ANSWERS:
         lines.append(f"  {study.sizes['answer'] - 1 - MOST_ANSWERS} more answers in the Dataset")
     return lines
