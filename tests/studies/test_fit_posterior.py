@@ -11,7 +11,7 @@ import rigidmc as rm
 from bench import fits
 from rigidmc.errors import OptionError
 from rigidmc.studies.fit.draws import draw, groups_of
-from rigidmc.studies.fit.posterior import Density, package
+from rigidmc.studies.fit.posterior import Density, climb, package
 from rigidmc.studies.fit.prior import Prior
 from rigidmc.studies.fit.records import read_columns_option
 from rigidmc.studies.fit.setup import make_problem, records_of
@@ -148,7 +148,7 @@ def test_the_likelihood_is_that_of_the_whole_covariance(two_records, error):
     stated = law.logpdf(problem.jacobian(some[1])[0]) - law.logpdf(residuals)
     found = density(both) - of_prior
     assert found[1] - found[0] == pytest.approx(stated, rel=1e-9)
-    value, gradient = density.slopes(z)
+    (value, _), (gradient, _) = density.slopes(both)
     assert value == pytest.approx(density(both)[0], rel=1e-12)
     slopes, more = prior.slopes(z)
     stated = more - slopes.T @ jacobian.T @ np.linalg.solve(covariance, residuals)
@@ -156,6 +156,38 @@ def test_the_likelihood_is_that_of_the_whole_covariance(two_records, error):
     whole = density.of_records(both)[0]
     assert whole.shape == (2,)
     assert whole.sum() == pytest.approx(law.logpdf(residuals) - np.log(noise).sum(), rel=1e-10)
+
+
+@pytest.mark.parametrize("error", [WHITE, LASTING])
+def test_a_flagged_motion_has_no_density(two_records, error):
+    """A member that is flagged saves its last good state: its residuals were as good as any."""
+    problem, x = two_records
+    prior = prior_of(problem, x)
+    density, z = Density(problem, error, prior), prior.inverse(x)
+    z[problem.parameters.places_of(RATE)[1]] = 700.0  # a rate of 1e304
+    assert density(z[None])[0] == -np.inf
+    (value,), (gradient,) = density.slopes(z[None])
+    assert value == -np.inf and not gradient.any()
+
+
+@pytest.mark.parametrize("error", [WHITE, LASTING])
+def test_a_climb_ends_at_the_maximum_of_a_flat_body(error):
+    """A body without thickness: the best second moment is at its limit, its logarithm is not."""
+    flat = rm.Scene(rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(1.5, 4.0, 1.0)))
+    ds = fits.moved(flat, 2.0, 0.02)
+    problem = problem_of(
+        flat, readings(ds.time.values, ds.omega.values[:, :, 0]), ("body.moments",)
+    )
+    x = problem.parameters.coordinates({"body.moments": np.array([1.0, 2.0, 3.0 - 1e-9])})
+    x[2] = problem.parameters.low[2]  # where the fit ends
+    density = Density(problem, error, prior_of(problem, x))
+    mode = climb(density, 0, density.prior.inverse(x))
+    value, gradient = density.slopes(mode.z[None])
+    assert np.abs(gradient @ mode.factor).max() < 0.01
+    # the second derivatives there, by differences of the gradient along each deviation
+    ends = [density.slopes(mode.z + side * 1e-3 * mode.factor.T)[0] for side in (-1.0, 1.0)]
+    change = (2.0 * value - ends[0] - ends[1]) / 1e-6
+    np.testing.assert_allclose(change, 1.0, atol=0.25)
 
 
 def test_all_shapes_of_bodies_are_equally_likely():

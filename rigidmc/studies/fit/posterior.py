@@ -5,30 +5,30 @@ at the best answer, as a constant: white noise, and what lasts from sample to sa
 
     ln L = -1/2 r^T C^-1 r,   C_kl = v delta_kl + u exp(-|t_k - t_l|/T)
 
-Where nothing lasts this is -cost/(2 v). Otherwise a Kalman filter gives mean and variance of each
-reading after those before it, and so independent residuals. Chains start at all answers that the
-data do not exclude. `emcee` moves walkers, half of them at once: by stretch moves, and by draws of
-the normal approximations of all answers, between which walkers change so. `nuts` follows gradients;
-its chains stay at their answers.
+Chains start at all answers that the data do not exclude. `emcee` moves walkers, half of them at
+once: by stretch moves, and by draws of the normal approximations of all answers, between which
+walkers change so. `nuts` follows gradients; its chains stay at their answers.
 
-Source: Foreman-Mackey et al., PASP 125 (2013) 306; Hoffman & Gelman, JMLR 15 (2014) 1593; Durbin &
-Koopman, Time Series Analysis by State Space Methods (2012), 4.3.
+Source: Foreman-Mackey et al., PASP 125 (2013) 306; Hoffman & Gelman, JMLR 15 (2014) 1593.
 """
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from importlib import import_module
+from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_banded
+from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize
 
 from rigidmc.errors import OptionError
+from rigidmc.processes.threads import MOMENT, Task, threads_of
 from rigidmc.studies.fit.prior import Prior
 from rigidmc.studies.fit.problem import FitProblem
 from rigidmc.studies.fit.streams import Array
-from rigidmc.studies.fit.uncertainty import ModelError
+from rigidmc.studies.fit.uncertainty import ModelError, inverse_of
 
 WALKERS = 32  # for each chain of `chains`
 WARM_UP = 100  # moves of a walker, or half of the draws of NUTS, that are left out
@@ -53,39 +53,26 @@ def package(name: str) -> Any:
 class Density:
     """The logarithm of the density of draws z, up to a constant.
 
-    order : of the residuals, channel by channel;  ratio : autocorrelation with the one before
-    scale : deviation of each after those before it;  band : of the filter, of first order
+    order : of the residuals, channel by channel;  left : variance of each over that of the lasting
+        error, given the one before;  factor : of K^-1 + u/v, see `solved`
     """
 
     def __init__(self, problem: FitProblem, error: ModelError, prior: Prior) -> None:
-        self.problem, self.error, self.prior = problem, error, prior
-        t, _, _, names, records = problem.samples_in_order()
-        channel = np.unique(names, return_inverse=True)[1] * problem.parameters.records + records
+        self.problem, self.still, self.error, self.prior = problem, problem.still(), error, prior
+        t, _, _, names, self.record = problem.samples_in_order()
+        channel = np.unique(names, return_inverse=True)[1] + len(names) * self.record
         self.order = np.argsort(channel, kind="stable")
-        self.ratio = np.exp(-np.abs(np.diff(t[self.order], prepend=t[0])) / error.time)
-        self.ratio[np.diff(channel[self.order], prepend=-1) > 0] = 0.0
-        self.band, variance, left = np.ones((2, t.size)), np.zeros(t.size), 0.0
-        for k, ratio in enumerate(self.ratio):
-            lasting = ratio**2 * left + error.lasting * (1.0 - ratio**2)
-            variance[k] = lasting + error.white
-            left = lasting * error.white / variance[k]
-        self.band[1, :-1] = -self.ratio[1:] * error.white / variance[:-1]
-        self.scale = np.sqrt(variance)
+        steps = np.abs(np.diff(t[self.order], prepend=-np.inf))
+        steps[np.diff(channel[self.order], prepend=-1) > 0] = np.inf
+        band, self.left = inverse_of(steps, error.time)
+        self.factor = cholesky_banded(band + [[0.0], [error.lasting / error.white]])
 
-    def whitened(self, residuals: Array) -> Array:
-        """Return independent residuals of unit variance, by channel, of residuals (n, columns)."""
-        rows = residuals[self.order]
-        rows[1:] -= self.ratio[1:, None] * rows[:-1]
-        found = solve_banded((1, 0), self.band, rows, check_finite=False)  # nan if flagged
-        return np.asarray(found / self.scale[:, None])
-
-    def unwhitened(self, rows: Array) -> Array:
-        """Return C^-1 r of whitened residuals: the transposed filter, backwards in time."""
-        band, found = np.stack([np.roll(self.band[1], 1), self.band[0]]), np.empty_like(rows)
-        back = solve_banded((0, 1), band, rows / self.scale, check_finite=False)
-        back[:-1] -= self.ratio[1:] * back[1:]
-        found[self.order] = back
-        return found
+    def solved(self, rows: Array) -> Array:
+        """Return C^-1 r of residuals (n, columns), which is (1 - (K^-1 + u/v)^-1 u/v) r/v with the
+        autocorrelation K; nan if flagged."""
+        found = np.empty_like(rows)
+        found[self.order] = cho_solve_banded((self.factor, False), rows[self.order], False, False)
+        return np.asarray((rows - self.error.lasting / self.error.white * found) / self.error.white)
 
     def _moved(self, z: Array) -> tuple[Array, Array]:
         """Return (coordinates of the fit, logarithm of the prior) of draws, -inf beyond limits."""
@@ -99,37 +86,55 @@ class Density:
         """Return it of draws z (draws, size), -inf where the motion is flagged."""
         x, ln = self._moved(z)
         some = np.flatnonzero(np.isfinite(ln))
-        if some.size and not self.error.lasting:
-            ln[some] -= 0.5 * self.problem.sums(x[some]).cost / self.error.white
-        elif some.size:
-            cost = (self.whitened(self.problem.residuals_of(x[some]).T) ** 2).sum(0)
+        if some.size:
+            rows = self.still.residuals_of(x[some]).T
+            cost = (rows * self.solved(rows)).sum(0)
             ln[some] -= 0.5 * np.where(np.isfinite(cost), cost, np.inf)
         return ln
 
-    def slopes(self, z: Array) -> tuple[float, Array]:
-        """Return (its value, its gradient) at a draw z (size,)."""
-        (x,), (ln,) = self._moved(z[None])
-        cost: Any = np.inf
-        if np.isfinite(ln) and not self.error.lasting:
-            _, gradient, cost = (part[0] / self.error.white for part in self.problem.sums(x[None]))
-        elif np.isfinite(ln):
-            residuals, jacobian = self.problem.jacobian(x)
-            rows = self.whitened(residuals[:, None])[:, 0]
-            cost, gradient = rows @ rows, -self.unwhitened(rows) @ jacobian
-        if not np.isfinite(ln - cost):
-            return -np.inf, np.zeros_like(z)
-        slopes, of_prior = self.prior.slopes(z)
-        return float(ln - 0.5 * cost), slopes.T @ gradient + of_prior
+    def slopes(self, z: Array) -> tuple[Array, Array]:
+        """Return (its values (draws,), its gradients (draws, size)) at draws z (draws, size)."""
+        x, ln = self._moved(z)
+        gradient, some = np.zeros_like(z), np.flatnonzero(np.isfinite(ln))
+        if some.size:
+            rows, index = self.problem.rows_of(x[some]), self.problem.parameters.index
+            turns = self.problem.parameters.turns(x[some], self.problem.every)
+            turns, pull = turns.reshape(some.size, *index.shape, -1), self.solved(rows[:, 0])
+            ln[some] -= 0.5 * (rows[:, 0] * pull).sum(0)
+            each, by_x = rows[:, 2:] * pull[:, None], np.zeros((some.size, x.shape[1]))
+            for i, places in enumerate(index):
+                total = each[self.record == i].sum(0)
+                by_x[:, places] += np.einsum("it,tij->tj", total, turns[:, i])
+            for draw, by_each in zip(some, by_x, strict=True):
+                slopes, of_prior = self.prior.slopes(z[draw])
+                gradient[draw] = by_each @ slopes + of_prior
+        is_sound = np.isfinite(ln) & np.isfinite(gradient).all(1)
+        return np.where(is_sound, ln, -np.inf), np.where(is_sound[:, None], gradient, 0.0)
+
+    def precision(self, z: Array) -> Array:
+        """Return minus its second derivatives (size, size) at a draw z (size,), as if residuals
+        were linear in second moments and all else; the prior has them by differences."""
+        residuals, jacobian = self.problem.jacobian(self._moved(z[None])[0][0])
+        pull = -self.solved(residuals[:, None])[:, 0] @ jacobian
+        slopes, steps = self.prior.slopes(z)[0], 1e-4 * np.eye(z.size)
+        rows, moments = jacobian @ slopes, np.ravel(self.prior.moments).astype(int)
+        ends = [[self.prior.slopes(z + side * step) for side in (-1, 1)] for step in steps]
+        bent = [(a - b).T @ pull + c - d for (a, c), (b, d) in ends]
+        found = rows.T @ self.solved(rows) + np.stack(bent) / 2e-4
+        found -= slopes[moments].T @ (pull[moments, None] * slopes[moments])
+        return np.asarray(np.nan_to_num(0.5 * (found + found.T)))  # 0 if flagged
 
     def of_records(self, z: Array) -> Array:
         """Return the logarithm of the density of each record (draws, records)."""
         _, _, noise, _, record = self.problem.samples_in_order()
-        constant = np.log(np.sqrt(2.0 * np.pi) * self.scale * noise[self.order])
+        variance = 2.0 * np.pi * self.error.white * self.left * self.factor[1] ** 2
+        constant = 0.5 * np.log(variance) + np.log(noise[self.order])
         found, x = np.zeros((self.problem.parameters.records, len(z))), self._moved(z)[0]
         for low in range(0, len(z), CHUNK):
-            rows = self.whitened(self.problem.residuals_of(x[low : low + CHUNK]).T)
+            rows = self.still.residuals_of(x[low : low + CHUNK]).T
             part = found[:, low : low + CHUNK]
-            np.add.at(part, record[self.order], -0.5 * rows**2 - constant[:, None])
+            np.add.at(part, record, -0.5 * rows * self.solved(rows))
+        np.add.at(found, record[self.order], -constant[:, None])
         return found.T
 
 
@@ -147,35 +152,26 @@ class Mode(NamedTuple):
         return np.asarray(np.sum(np.linalg.solve(self.factor, (z - self.z).T) ** 2, axis=0))
 
 
-def root(density: Density, z: Array, basis: Array) -> Array:
-    """Return F with F F^T the inverse of minus the second derivatives at z, whose eigenvalues count
-    by absolute value; by differences along the columns of a basis, one standard deviation long."""
-    ends = [[density.slopes(z + side * step)[1] for side in (-0.1, 0.1)] for step in basis.T]
-    precision = np.stack([low - high for low, high in ends]) @ basis / 0.2
-    unit = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(precision)), 1e-12))
-    values, vectors = np.linalg.eigh(0.5 * (precision + precision.T) * np.outer(unit, unit))
-    values = np.maximum(np.abs(values), 1e-12 * np.abs(values).max())
-    return np.asarray(basis @ (unit[:, None] * vectors / np.sqrt(values)))
-
-
 def climb(density: Density, answer: int, z: Array) -> Mode:
-    """Return the maximum above z: the second round searches in units of the first."""
-    unit, slopes = density.prior.unit, np.diag(density.prior.slopes(z)[0])
-    steps = np.minimum(unit / slopes, 1.0)  # that change the residuals by 1, or z by 1
-    factor = np.diag(np.concatenate([steps, np.ones(z.size - unit.size)]))
+    """Return the maximum above z. The eigenvalues of its precision count by absolute value."""
+    steps = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(density.precision(z))), 1.0))  # or z by 1
 
     def minus(y: Array) -> tuple[float, Array]:
-        value, gradient = density.slopes(z + factor @ y)
-        return -value, -factor.T @ gradient
+        (value,), (gradient,) = density.slopes((z + steps * y)[None])
+        return -value, -steps * gradient
 
-    for _ in range(2):
-        factor = root(density, z, factor)
-        with np.errstate(invalid="ignore"):  # a search may meet flagged motions
-            y = minimize(minus, np.zeros(z.size), method="BFGS", jac=True, options={"gtol": 1e-2}).x
-        z = z + factor @ y
-    factor = root(density, z, factor)
-    weight = float(density(z[None])[0] + np.linalg.slogdet(factor)[1])
-    return Mode(answer, z, weight, factor)
+    with np.errstate(invalid="ignore"):  # a search may meet flagged motions
+        found = minimize(
+            minus, np.zeros(z.size), jac=True, method="trust-exact",
+            hess=lambda y: density.precision(z + steps * y) * np.outer(steps, steps),
+            options={"gtol": 1e-3, "maxiter": 100, "max_trust_radius": 100.0},
+        )  # fmt: skip
+    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(found.hess)), 1e-12))
+    values, vectors = np.linalg.eigh(found.hess * np.outer(scale, scale))
+    values = np.maximum(np.abs(values), 1e-12 * np.abs(values).max())
+    factor = (steps * scale)[:, None] * vectors / np.sqrt(values)
+    weight = float(np.linalg.slogdet(factor)[1] - found.fun)
+    return Mode(answer, z + steps * found.x, weight, factor)
 
 
 def modes_of(density: Density, answers: Sequence[Array]) -> list[Mode]:
@@ -244,24 +240,47 @@ def by_nuts(
     density: Density, modes: Sequence[Mode], chains: int, draws: int, seed: int
 ) -> Iterator[tuple[Array, Array, Array, Array]]:
     """Yield what `by_emcee` yields, by NUTS, in units of the normal approximation of the best
-    mode."""
+    mode. When all chains wait for a gradient, one run has all gradients."""
     nutpie, best, size = package("nutpie"), modes[0], density.prior.size
+    asked, waiting = SimpleQueue[Any](), list[Any]()
 
-    def at(y: Array) -> tuple[float, Array]:
-        value, gradient = density.slopes(best.z + best.factor @ y)
-        return value, best.factor.T @ gradient
+    def ask(y: Array) -> Any:
+        asked.put((y, own := SimpleQueue[Any]()))
+        return own.get()
 
-    found, random = [], np.random.RandomState(seed % 2**32)
-    for i, z in enumerate(first_draws(modes, random, chains)):
-        first = np.linalg.solve(best.factor, z - best.z)
+    def chain(i: int, first: Array) -> Any:
         model = nutpie.compiled_pyfunc.from_pyfunc(
-            size, lambda: at, lambda *seeds: lambda y: {"y": y}, [np.dtype(float)], [(size,)],
-            ["y"], make_initial_point_fn=lambda seed, first=first: first,
+            size, lambda: ask, lambda *seeds: lambda y: {"y": y}, [np.dtype(float)], [(size,)],
+            ["y"], make_initial_point_fn=lambda seed: first,
         )  # fmt: skip
-        found.append(nutpie.sample(
+        return nutpie.sample(
             model, draws=draws, tune=2 * WARM_UP, chains=1, cores=1, seed=seed % 2**31 + i,
             save_warmup=False, progress_bar=False,
-        ))  # fmt: skip
+        )  # fmt: skip
+
+    firsts = first_draws(modes, np.random.RandomState(seed % 2**32), chains) - best.z
+    firsts = firsts @ np.linalg.inv(best.factor).T
+    tasks = [Task(chain, i, first, answers=asked) for i, first in enumerate(firsts)]
+    try:
+        for task in tasks:
+            threads_of("chains", chains).begin(task)
+        while not all(task.done for task in tasks):
+            question = asked.get()
+            waiting += [] if isinstance(question, Task) else [question]
+            if waiting and len(waiting) == sum(not task.done for task in tasks):
+                y = np.stack([y for y, _ in waiting])
+                values, gradients = density.slopes(best.z + y @ best.factor.T)
+                for value, slope in zip(values, gradients @ best.factor, strict=True):
+                    waiting.pop(0)[1].put((value, slope))
+    finally:  # after an error or a signal chains run through the rest, which diverges
+        for task in tasks:
+            task.dropped = True
+        while any(task.begun and not task.done for task in tasks):
+            with suppress(Empty):
+                question = waiting.pop() if waiting else asked.get(timeout=MOMENT)
+                if not isinstance(question, Task):
+                    question[1].put((-np.inf, np.zeros(size)))
+    found = [task.result() for task in tasks]
     y = np.concatenate([one.posterior.y.values for one in found])
     ln, diverging, rate = (
         np.concatenate([one.sample_stats[name].values for one in found])

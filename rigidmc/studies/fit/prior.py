@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, unknown
-from rigidmc.studies.fit.parameters import MOMENTS, FitParameters
+from rigidmc.studies.fit.parameters import EXTREME, MOMENTS, FitParameters
 from rigidmc.studies.fit.streams import Array
 from rigidmc.studies.fit.visible import TAKES_PART, Seen, in_words
 
@@ -59,8 +59,10 @@ class Prior:
         self.has_limit = np.isfinite(parameters.low) & ~np.isfinite(parameters.high)
         self.ln_sum: float | None = None
         if len(shown.unseen):
-            part = shown.unseen[:, np.ravel(self.moments).astype(int)]
-            is_size = part.shape == (1, 3) and shown.shares[0, self.moments[0]].min() > TAKES_PART
+            places = np.ravel(self.moments).astype(int)
+            # not of coordinates: that of a second moment of 0 may do anything
+            part = shown.unseen @ parameters.slopes(x)[places].T / parameters.values(x)[places]
+            is_size = part.shape == (1, 3) and shown.shares[0, places].max() > TAKES_PART
             if not is_size or np.ptp(part) > 1e-3 * np.abs(part).max():
                 lines = "; ".join(in_words(parameters, x, shown))
                 raise OptionError(f"{lines}. Draws would repeat the prior there", at="posterior")
@@ -113,6 +115,8 @@ class Prior:
         z, some = np.concatenate([x, np.zeros(self.size - x.size)]), np.flatnonzero(self.has_limit)
         inside = np.maximum(x - self.parameters.low, 0.1 * self.unit)
         z[some] = np.log(inside[some])
+        for places in self.moments:  # a body without thickness has a second moment of 0
+            z[places] = np.maximum(z[places], self.parameters.low[places] + 0.5 * EXTREME)
         for pool in self.pools:
             each = z[pool.places]
             z[pool.mean], spread = each.mean(), max(float(each.std()), 1e-3 * pool.scale)

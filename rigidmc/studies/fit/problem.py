@@ -26,8 +26,8 @@ from rigidmc.runs.settled import Machine
 from rigidmc.studies.fit.parameters import FitParameters
 from rigidmc.studies.fit.streams import NUISANCES, Array, Stream
 
-# Members of a block: their saves, 2,000 times of three rates with 6 derivatives, are 11 MB.
-BLOCK = 32
+# Numbers that a block saves, or else 32 members: a block of 32 takes .9 ms of Python.
+BLOCK = 1 << 20
 # {name, as in scipy.optimize.least_squares: (number in the kernel, scale)}
 LOSSES = {"linear": (0, 1.0), "huber": (HUBER, HUBER_SCALE), "cauchy": (CAUCHY, CAUCHY_SCALE)}
 
@@ -60,7 +60,7 @@ class SumSink(Sink):
         self.problem, self.layout = problem, problem.run.layout
         self.keeps, self.is_white = keeps, is_white
         parameters, streams = problem.parameters, problem.streams
-        (records, columns), trials = parameters.index.shape, x.shape[0]
+        records, columns, trials = parameters.records, problem.columns, x.shape[0]
         self.record, members = np.tile(np.arange(records), trials), trials * records
         self.chain = parameters.chain(x)
         self.sensors = [
@@ -75,7 +75,8 @@ class SumSink(Sink):
 
     def gather(self, job: Any, results: Any) -> None:
         """Compare the samples of a finished block, in the thread that moved it."""
-        low, size, width = job.first, job.size, whole_lanes(job.size)
+        low, size = job.first, job.size
+        width = LANES * -(-size // LANES)  # the job has whole_lanes, 32 for one member
         # the padding repeats the last member
         some = np.minimum(np.arange(low, low + width), self.record.size - 1)
         sums = [np.zeros((array.shape[0], width)) for array in self.arrays]
@@ -89,7 +90,7 @@ class SumSink(Sink):
         """Return the samples of stream i for a block; some : the members of its columns."""
         problem, layout = self.problem, self.layout
         stream, parameters = problem.streams[i], problem.parameters
-        columns, of_value = parameters.index.shape[1], (1 + layout.columns) * job.width
+        columns, of_value = problem.columns, (1 + layout.columns) * job.width
         first = layout.saved[stream.observable].start * of_value + job.column
         return Samples(
             saves=job.out.reshape(-1)[first:],
@@ -112,8 +113,8 @@ class SumSink(Sink):
             kind=stream.kind,
             channels=stream.channels,
             parameters=columns,
-            moving=parameters.moving,
-            mixed=parameters.mixed,
+            moving=min(columns, parameters.moving),
+            mixed=min(columns, parameters.mixed),
             keeps=int(self.keeps),
             is_shaken=int(self.is_white and stream.jitter.size > 0.0),
             loss=LOSSES[problem.loss][0],
@@ -144,6 +145,7 @@ class FitProblem:
     ) -> None:
         self.run, self.parameters, self.streams = run, parameters, tuple(streams)
         self.threads, self.loss = threads, loss
+        self.columns = parameters.index.shape[1] if run.plan.columns else 0  # with derivatives
         times = run.layout.axes.times
         self.every = float(times[1] - times[0])
         self.weights = [stream.weights() for stream in streams]
@@ -155,10 +157,15 @@ class FitProblem:
         self.values = [s.values + s.rates * s.shifts for s in streams]
         self.columns_of = np.full((len(streams), OF_NUISANCES), -1)
         for column in parameters.columns:
-            if column.word:
+            if column.word and self.columns:
                 row = NUISANCES[column.word].row
                 places = column.first + np.arange(column.size)
                 self.columns_of[column.stream, row : row + column.size] = places
+
+    def still(self) -> "FitProblem":
+        """Return the problem without derivatives: residuals in a fraction of the time."""
+        run = self.run.with_derivatives(())
+        return FitProblem(run, self.parameters, self.streams, self.threads, self.loss)
 
     @property
     def residuals(self) -> int:
@@ -169,7 +176,9 @@ class FitProblem:
         """Move the members of trials (trials, size), and compare them with the samples."""
         sink = SumSink(self, x, keeps, is_white)
         run = self.run.with_values(self.parameters.of_scene(x))
-        compute(run, sink, Machine(self.threads, "cpu", BLOCK))
+        most = max(1, BLOCK // run.layout.numbers)
+        block = whole_lanes(min(most, -(-run.members.size // self.threads)))
+        compute(run, sink, Machine(self.threads, "cpu", block))
         return sink
 
     def sums(self, x: Array) -> Sums:
@@ -197,33 +206,37 @@ class FitProblem:
 
     def compared(self, x: Array, is_white: bool = True) -> list[Array]:
         """Return what each stream says of trials x (trials, size): residuals, rates of the model
-        and derivatives by the columns of a record, all over the noise of a reading, as (records,
-        samples, channels, 2 + columns, trials); is_white : those whose errors are independent"""
-        sink, (records, n) = self._moved(x, True, is_white), self.parameters.index.shape
+        and derivatives by the columns of a record, all over the noise of a reading, nan if the
+        motion is flagged, as (records, samples, channels, 2 + columns, trials); is_white : those
+        whose errors are independent"""
+        sink, records = self._moved(x, True, is_white), self.parameters.records
+        for array in sink.arrays:  # a flagged member saves its last good state
+            array[:, ~sink.is_sound] = np.nan
         return [
-            np.moveaxis(array.reshape(*weights.shape[1:], 2 + n, x.shape[0], records), -1, 0)
+            np.moveaxis(array.reshape(*weights.shape[1:], -1, x.shape[0], records), -1, 0)
             for array, weights in zip(sink.arrays, self.weights, strict=True)
         ]
 
+    def rows_of(self, x: Array, is_white: bool = True) -> Array:
+        """Return what `compared` returns of all weighted residuals, (n, 2 + columns, trials)."""
+        each = zip(self.compared(x, is_white), self.weights, strict=True)
+        return np.concatenate([part[weights > 0.0] for part, weights in each])
+
     def residuals_of(self, x: Array, is_white: bool = True) -> Array:
         """Return all weighted residuals (trials, n) of trials x (trials, size)."""
-        each = zip(self.compared(x, is_white), self.weights, strict=True)
-        return np.concatenate([part[weights > 0.0][:, 0] for part, weights in each]).T
+        return self.rows_of(x, is_white)[:, 0].T
 
     def jacobian(self, x: Array, is_white: bool = True) -> tuple[Array, Array]:
         """Return all weighted residuals (n,) of one trial (size,), and their derivatives (n, size)
         by its coordinates: of the first stream, record by record, then of the next; is_white :
         those whose errors are independent"""
-        turns, index, parts = self.parameters.turns(x[None], self.every), self.parameters.index, []
-        for each, weights in zip(self.compared(x[None], is_white), self.weights, strict=True):
-            for record, some in enumerate(weights > 0.0):
-                part = each[record][some][..., 0]
-                whole = np.zeros((part.shape[0], 1 + x.size))
-                whole[:, 0], whole[:, 1 + index[record]] = part[:, 0], -part[:, 2:] @ turns[record]
-                parts.append(whole)
-        whole = np.concatenate(parts)
-        slopes = whole[:, 1:]
-        return whole[:, 0], slopes * is_felt(np.linalg.norm(slopes, axis=0), x)
+        rows = self.rows_of(x[None], is_white)[..., 0]
+        turns = self.parameters.turns(x[None], self.every)
+        slopes, record = np.zeros((len(rows), x.size)), self.samples_in_order()[4]
+        for i, places in enumerate(self.parameters.index):
+            some = np.flatnonzero(record == i)
+            slopes[some[:, None], places] = -rows[some, 2:] @ turns[i]
+        return rows[:, 0], slopes * is_felt(np.linalg.norm(slopes, axis=0), x)
 
     def refined(self, x: Array) -> tuple[Stream, ...]:
         """Return the streams with the noise and the jitter that the residuals of a trial x (size,)

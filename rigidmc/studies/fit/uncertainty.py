@@ -123,16 +123,16 @@ def _basis(shown: Seen) -> Array:
     return np.asarray(vectors[:, keep] * np.sqrt(values[keep]))
 
 
-def _inverse(steps: Array, time: float) -> tuple[Array, float]:
-    """Return (the inverse of the autocorrelation exp(-|t_k - t_l|/T), the logarithm of its
-    determinant): tridiagonal, its upper diagonal before its main one.
+def inverse_of(steps: Array, time: float) -> tuple[Array, Array]:
+    """Return (the inverse of the autocorrelation exp(-|t_k - t_l|/T): tridiagonal, its upper
+    diagonal before its main one; the variance of each, given the one before).
 
     Source: Rasmussen & Williams, Gaussian Processes for Machine Learning (2006), appendix B.
     """
     rho, left = np.exp(-steps / time), np.maximum(-np.expm1(-2.0 * steps / time), 1e-12)
     diagonal = 1.0 / left  # of 1 - rho^2
     diagonal[:-1] += (rho**2 / left)[1:]
-    return np.stack([-rho / left, diagonal]), float(np.log(left).sum())
+    return np.stack([-rho / left, diagonal]), left
 
 
 def _likelihood(
@@ -144,9 +144,9 @@ def _likelihood(
     C/v = 1 + ratio K with the autocorrelation K, whose inverse is tridiagonal:
     C^-1 v = K^-1 (K^-1 + ratio)^-1, in a time that grows with the number of samples.
     """
-    band, logarithm = _inverse(channels.steps, time)
+    band, variance = inverse_of(channels.steps, time)
     factor = cholesky_banded(band + np.array([[0.0], [ratio]]))
-    logarithm += 2.0 * float(np.log(factor[1]).sum())
+    logarithm = float(np.log(variance).sum()) + 2.0 * float(np.log(factor[1]).sum())
     y = cho_solve_banded((factor, False), channels.rows)
     x = band[1][:, None] * y
     x[1:] += band[0, 1:, None] * y[:-1]
@@ -164,7 +164,7 @@ def _likelihood(
 
 def covariance_of(channels: Channels, shown: Seen, error: ModelError) -> Array:
     """Return the covariance of the coordinates (size, size), on what the data show."""
-    lasting = solveh_banded(_inverse(channels.steps, error.time)[0], channels.rows)
+    lasting = solveh_banded(inverse_of(channels.steps, error.time)[0], channels.rows)
     middle = channels.product(error.white * channels.rows + error.lasting * lasting)[1:, 1:]
     return np.asarray(shown.inverse @ middle @ shown.inverse)
 
