@@ -14,9 +14,10 @@ import pytest
 import xarray as xr
 
 import rigidmc as rm
-from rigidmc.errors import OptionError, SceneError
+from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.scene.parameters import with_parameters
 from rigidmc.scene.varied import variables
+from rigidmc.studies.fit import study as fit_study
 from rigidmc.studies.fit.table import in_digits
 from rigidmc.studies.fit.table import table as lines_of
 from tests.tools.commands import COMMAND, invoke
@@ -283,16 +284,29 @@ def test_what_cannot_be_fitted_is_refused(scene, free, rule):
     assert found.exit_code == 3 and rule in found.output.replace("\n", " ")
 
 
-def test_steps_follow_a_rotor_that_outruns_the_rates():
+def test_steps_follow_a_rotor_that_outruns_the_rates(monkeypatch):
     """At .04 rad/s, the rates alone would choose steps of 3.5 s, and a rotor nutates in 20 s."""
     body = rm.Body((0.0702, 0.1391, 0.1902))
     scene = rm.Scene(body, rm.Rotor((0.0, 0.03, 0.0)), rm.Start(omega=(0.02, 0.05, -0.03)))
     data = rm.simulate(
         scene, "rk8", dt=0.05, t_end=100.0, every=1.0, save="omega", members=1
     ).isel(member=0)  # fmt: skip
-    study = rm.fit(scene, data, FREE, noise={"omega": 1e-6}, trials=2)
+    make, threads = fit_study.make_problem, set()
+
+    def noted(*given, **named):
+        threads.add(named["threads"])
+        return make(*given, **named)
+
+    monkeypatch.setattr(fit_study, "make_problem", noted)
+    words = {"noise": {"omega": 1e-6}, "trials": 2, "threads": 1}
+    with pytest.warns(SceneWarning, match="steps 4 times finer"):
+        study = rm.fit(scene, data, FREE, **words)
     # measured 0.019 times the noise; with steps of 3.5 s 872
     assert np.abs((study.data - study.model) / study.noise).max() < 0.1
+    assert threads == {1} and study.attrs["notes"] == ""
+    monkeypatch.setattr(fit_study, "MOST_FINER", 2)  # too long: told, and no trial again
+    study = rm.fit(scene, data, FREE, **words)
+    assert fit_study.UNRESOLVED in study.attrs["notes"]
 
 
 def test_the_guide_fits_periods_by_total_least_squares(tmp_path, monkeypatch):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy import stats
+from scipy.special import ndtri  # `scipy.stats` takes 32 MB
 
 from rigidmc.engine.kernel.normal_equations import ATTITUDE
 from rigidmc.errors import RigidmcError
@@ -74,7 +74,7 @@ def dataset_of(
     jacobian = problem.jacobian(x, is_white=False)[1]
     spread = np.sqrt(np.maximum(0.0, ((jacobian @ found.covariance) * jacobian).sum(1)))
     shown_deviation = np.where(found.shown.hides(slopes), math.inf, deviation)
-    width = stats.norm.ppf(0.5 + 0.5 * confidence)
+    width = ndtri(0.5 + 0.5 * confidence)
     ratio, ratio_deviation = np.full((2, 3, 3), np.nan)
     if parameters.mixed:  # the moments come first
         pairs = np.indices((3, 3)).reshape(2, -1)

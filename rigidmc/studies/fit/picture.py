@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
-from scipy import stats
+from scipy.special import ndtri
 
 from rigidmc.errors import OptionError, unknown
 from rigidmc.inputs.arrays import Array
@@ -79,7 +79,7 @@ def _draw(panels: Array, part: xr.Dataset, names: list[str]) -> None:
     """Draw one record: each observable on its band, and the residuals of all in the last panel."""
     below, confidence = panels[-1], part.attrs["confidence"]
     largest = max(3.0, below.get_ylim()[1])  # records share the axis
-    width, share = stats.norm.ppf(0.5 + 0.5 * confidence), f"{100.0 * confidence:g} % interval of"
+    width, share = ndtri(0.5 + 0.5 * confidence), f"{100.0 * confidence:g} % interval of"
     error = part.attrs["white"] + part.attrs["lasting"]
     for i, name in enumerate(dict.fromkeys(map(str, part.channel.values))):
         some = part.isel(sample=part.channel.values == name).sortby("sample_time")
@@ -114,7 +114,7 @@ def corner(study: xr.Dataset, record: int | None, figure: Figure | None) -> Figu
     figure = figure or new_figure(title, (size + 3.0, size))
     axes, (i, j) = figure.add_subplot(), np.tril_indices(count, -1)
     for level, fill in ((0.95, BAND), (0.5, CORE)):
-        radius = 2.0 * scale * np.sqrt(stats.chi2.ppf(level, 2))
+        radius = 2.0 * scale * np.sqrt(-2.0 * np.log(1.0 - level))
         wide, high = (radius * np.sqrt(np.maximum(0.0, 1.0 + s * relative[i, j])) for s in (1, -1))
         axes.add_collection(EllipseCollection(
             wide, high, 45.0, units="x", offsets=np.stack([j, i], axis=-1),

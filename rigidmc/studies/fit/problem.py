@@ -252,13 +252,11 @@ class FitProblem:
     def samples_in_order(self) -> tuple[Array, Array, Array, list[str], NDArray[np.int64]]:
         """Return (times, values, noise, channels, records) of all residuals; the name of a channel
         is that of a component, omega[1]."""
-        parts: list[list[Any]] = [[], [], [], [], []]
+        parts: list[tuple[Any, ...]] = []
         for stream, weights in zip(self.streams, self.weights, strict=True):
             record, k, c = np.nonzero(weights > 0.0)
-            values, names = stream.values[..., -stream.channels :], stream.channel_names()
-            columns = stream.times[record, k], values[record, k, c], stream.noise[c], record
-            for part, x in zip(parts, columns, strict=False):
-                part.append(x)
-            parts[4] += [names[i] for i in c]
-        t, values, noise, records = (np.concatenate(part) for part in parts[:4])
-        return t, values, noise, parts[4], records
+            values, names = stream.values[..., -stream.channels :], np.array(stream.channel_names())
+            of_time = stream.times[record, k], values[record, k, c]
+            parts.append((*of_time, stream.noise[c], names[c], record))
+        t, values, noise, names, records = map(np.concatenate, zip(*parts, strict=True))
+        return t, values, noise, names.tolist(), records

@@ -78,7 +78,8 @@ def make_problem(
     shared = [name for name in nominal if not name.startswith("start.") and name not in own]
     streams = streams or _streams(run, records, read_noise(run, noise), nuisances, loss)
     shared += tied
-    limits = _limits(run.scene, moving)
+    numbers = with_vectors(parameters_of(run.scene.model, run.scene.run.anti_damping))
+    limits = {name: numbers[name].limits for name in moving}
     parameters = FitParameters(moving, shared, streams, len(records), limits, tied, inputs)
     return FitProblem(run, parameters, streams, threads, loss)
 
@@ -141,12 +142,6 @@ def _fastest(scene: Scene, records: Sequence[Record]) -> float:
         moments = nominal_of(scene.model, ["body.moments"])["body.moments"]
         vector = vector / np.asarray(moments)
     return float(np.linalg.norm(vector))
-
-
-def _limits(scene: Scene, nominal: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    """Return {free parameter: least and largest value of its components}."""
-    known = with_vectors(parameters_of(scene.model, scene.run.anti_damping))
-    return {name: known[name].limits for name in nominal}
 
 
 def _streams(

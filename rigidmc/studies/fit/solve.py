@@ -6,6 +6,7 @@ best trials are polished on the Jacobian itself.
 Source: Nielsen, Damping parameter in Marquardt's method (1999); More, LNM 630 (1978) 105.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from rigidmc.studies.fit.streams import Array
 
 LONGEST = 1.0  # of a step of ln J: trial bodies change by a factor e at most
 GAIN = 1e-3  # a step of less changes nothing that the data can tell
+ITERATIONS = 60
 ROUND, KEPT = 3, 128  # after 3 iterations the worse half of the trials rests, never the best 128
 MOST_DAMPED = 1e8  # no step of this damping has an effect: the trial rests
 
@@ -35,18 +37,14 @@ class Solution(NamedTuple):
     ends: NDArray[np.int64]
 
 
-def minimise(
-    problem: FitProblem, x: Array, ends: NDArray[np.int64] | None = None, most: int = 60
-) -> Solution:
+def minimise(problem: FitProblem, x: Array, ends: NDArray[np.int64] | None = None) -> Solution:
     """Lower the cost of trials x (trials, size) until a step gains less than GAIN of the variance
-    of a residual. ends : as in Solution, 1 each by default;  most : iterations"""
+    of a residual. ends : as in Solution, 1 each by default"""
     accuracy = GAIN / max(1, problem.residuals)
-    x, damping = np.array(x), np.full(x.shape[0], 1e-3)
-    # copies, because they change below
-    sums = problem.sums(x)
-    matrix, gradient, cost = sums
+    x, damping = np.array(x), np.full(x.shape[0], 1e-3)  # a copy, because it changes below
+    matrix, gradient, cost = problem.sums(x)
     moves, rests = np.isfinite(cost), np.zeros(cost.size, bool)
-    for iteration in range(1, most):
+    for iteration in range(1, ITERATIONS):
         some = np.flatnonzero(moves)
         if iteration % ROUND == 0 and some.size > KEPT:
             some = np.sort(some[np.argsort(cost[some], kind="stable")[: max(KEPT, some.size // 2)]])
@@ -103,17 +101,11 @@ def polish(problem: FitProblem, solution: Solution) -> Solution:
     """Move trials to their minima by the Jacobian itself, by trust regions."""
     x, cost = np.array(solution.x), np.array(solution.sums.cost)
     low, high = problem.parameters.low, problem.parameters.high
+    at = lru_cache(1)(lambda y: problem.jacobian(np.frombuffer(y)))  # both at once
     for i in range(cost.size):
-        known: dict[bytes, tuple[Array, Array]] = {}
-
-        def at(y: Array, known: dict[bytes, tuple[Array, Array]] = known) -> tuple[Array, Array]:
-            if y.tobytes() not in known:
-                known.clear()
-                known[y.tobytes()] = problem.jacobian(y)
-            return known[y.tobytes()]
-
         found = least_squares(
-            lambda y: at(y)[0], x[i], lambda y: at(y)[1], bounds=(low, high), x_scale="jac",
+            lambda y: at(y.tobytes())[0], x[i], lambda y: at(y.tobytes())[1],
+            bounds=(low, high), x_scale="jac",
             ftol=1e-12, xtol=1e-12, gtol=1e-14, max_nfev=40,
             loss=problem.loss, f_scale=LOSSES[problem.loss][1],
         )  # fmt: skip

@@ -43,8 +43,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from rigidmc.engine.machine import threads_available
-from rigidmc.errors import OptionError
+from rigidmc.errors import OptionError, warn
 from rigidmc.files.outputs import Path, write_bytes
 from rigidmc.results.labels import count_text
 from rigidmc.runs.directory.tasks import Request, TaskArrays
@@ -73,36 +72,47 @@ from rigidmc.studies.framework.study import Example, OutputFile, Study
 from rigidmc.studies.framework.tasks import Tasks
 
 MOST_FINER = 64  # steps, times that of the rates: a nutation is 64 times as fast as they
-MOST_REFINED = 6  # fits, each with the noise and jitter that the one before shows
-RESOLVED = 0.1  # of the noise: it changes no parameter by more than a tenth of its deviation
+MOST_REFINED = 6  # fits, each with the noise of the one before: measured 1, 2, with jitter 4, 5
+RESOLVED = 0.1  # of a deviation; measured at rates' steps 2e-6 to 5e-3
+SLOW = 4  # times finer steps are told
+UNRESOLVED = "steps of half the length change the motion of this answer: all its numbers are wrong"
 MOST_DRAWN = 16  # times DRAWN, most trials of a task: a trial of a larger task costs as much
 
 
-def is_resolved(problem: FitProblem, finer: FitProblem, x: Array) -> bool:
-    """Return whether half the step changes the residuals at x by less than their noise."""
-    residuals = problem.jacobian(x)[0]
-    change = residuals - finer.jacobian(x)[0]
-    # of exact data, whose noise is rounding, by less than a tenth of the residuals
-    allowed = RESOLVED * max(1.0, float(np.std(residuals)))
-    return not np.std(change) > allowed  # nan if the motion is flagged: no step helps
-
-
-def solve_finely(make: Callable[[int], FitProblem], x: Array, at: Array) -> tuple[Solution, int]:
-    """Return (where trials x end, divisor of the step) with steps of which the halves give the same
-    residuals at a trial and at the best end: a rotor or a spring moves a body faster than its rates
-    show.
+def divisor(make: Callable[[int], FitProblem], x: Array, finer: int) -> int:
+    """Return by what to divide the step, `finer` or more, so that its half shifts no parameter at x
+    by more than RESOLVED of its deviation: by no more than the norm of the change of residuals over
+    their noise; 0 if MOST_FINER is too little.
 
     make : divisor -> the problem with steps divided by it
     """
-    finer = 1
+    left = make(finer).residuals_of(x[None])
+    while finer <= MOST_FINER:
+        half = make(2 * finer).residuals_of(x[None])
+        # Residuals of exact data, whose noise is rounding, set the deviations. nan: no step helps.
+        if not np.linalg.norm(half - left) > RESOLVED * max(1.0, float(np.std(left))):
+            return finer
+        left, finer = half, 2 * finer
+    return 0
+
+
+def solve_finely(make: Callable[[int], FitProblem], x: Array, at: Array) -> tuple[Solution, int]:
+    """Return (where trials x end, divisor of the step) with steps that resolve the motion of a
+    trial and of the best end: a rotor or a spring moves a body faster than its rates show.
+
+    make : as in `divisor`
+    """
+    finer, more = 1, divisor(make, at, 1)
     while True:
-        problem, half = make(finer), make(2 * finer)
-        if finer >= MOST_FINER or is_resolved(problem, half, at):
-            solution = upright(problem, minimise(problem, *grown(problem, x)))
-            at = solution.x[best_of(problem, solution)]
-            if finer >= MOST_FINER or is_resolved(problem, half, at):
-                return solution, finer
-        finer *= 2
+        # An end that no step resolves is a false minimum: finer steps would only take longer.
+        finer = more or finer
+        if finer >= SLOW:
+            warn(f"steps {finer} times finer than the readings show: it takes {finer} times longer")
+        problem = make(finer)
+        solution = upright(problem, minimise(problem, *grown(problem, x)))
+        more = divisor(make, solution.x[best_of(problem, solution)], finer)
+        if more in (0, finer):
+            return solution, finer
 
 
 def refuse_draws(options: FitOptions, loss: str) -> None:
@@ -176,15 +186,17 @@ def solve_batches(
 
 
 def reduce(
-    run: PreparedRun, request: Request, done: dict[int, TaskArrays], options: FitOptions
-) -> xr.Dataset:
+    run: PreparedRun, request: Request, done: dict[int, TaskArrays], options: FitOptions,
+    threads: int,
+) -> xr.Dataset:  # fmt: skip
     """Return the Dataset of the ends of the trials."""
     refuse_draws(options, request["asked"]["loss"])
     x, ends, settled, finer = (
         np.concatenate([done[i][name] for i in sorted(done)])
         for name in ("x", "ends", "settled", "finer")
     )
-    make = partial(maker(request, threads_available()), finer=int(finer.max()))
+    steps = int(finer.max())
+    make = partial(maker(request, threads), finer=steps)
     problem = make(run.scene)
     solution = merged(problem, Solution(x, problem.sums(x), settled > 0, ends))
     for more in reversed(range(MOST_REFINED)):
@@ -207,7 +219,8 @@ def reduce(
         how = options.posterior, options.chains, options.draws, seed, units
         drawn = draw(problem, found.error, [*solution.x], prior, *how)
         made = made.merge(drawn, combine_attrs="no_conflicts")
-    notes = "\n".join([*request["notes"], *doubts(problem, solution)])
+    is_sound = divisor(lambda n: make(run.scene, finer=n), at, steps) == steps
+    notes = "\n".join([*request["notes"], *doubts(problem, solution), *[UNRESOLVED][is_sound:]])
     return made.assign_attrs(notes=notes, trials=request["trials"], settled=int(settled.sum()))
 
 

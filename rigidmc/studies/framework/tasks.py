@@ -47,7 +47,7 @@ class Tasks(StudyWork):
     compute_some : (run, request, numbers of tasks, threads, device) -> result of each task; it
         does not depend on threads, device and the other tasks
     cost : (run, request, numbers of tasks) -> their member-steps
-    reduce : (run, request, {number: result}, options) -> the Dataset
+    reduce : (run, request, {number: result}, options, threads) -> the Dataset
     is_growing : whether the results of tasks decide the next tasks
     together : number of tasks computed at once, 0 for as many as keep the threads at work
     notes : run -> warnings before the first task
@@ -58,7 +58,7 @@ class Tasks(StudyWork):
     next: Callable[[PreparedRun, Request, dict[int, TaskArrays]], Sequence[int]]
     compute_some: Callable[[PreparedRun, Request, Sequence[int], int, str | None], list[TaskArrays]]
     cost: Callable[[PreparedRun, Request, Sequence[int]], float]
-    reduce: Callable[[PreparedRun, Request, dict[int, TaskArrays], Any], xr.Dataset]
+    reduce: Callable[[PreparedRun, Request, dict[int, TaskArrays], Any, int], xr.Dataset]
     is_growing: bool = False
     together: int = 1
     notes: Callable[[PreparedRun], Sequence[str]] = lambda run: ()
@@ -90,7 +90,7 @@ class Tasks(StudyWork):
                         done |= zip(group, values, strict=True)
                         report.step(len(group))
                         report.poll()
-        dataset = describe(self.reduce(run, request, done, options), scene)
+        dataset = describe(self.reduce(run, request, done, options, threads), scene)
         for note in self.doubts(dataset):
             warn(note)
         return dataset
@@ -110,7 +110,8 @@ class Tasks(StudyWork):
             rule = "no task is finished yet: resume it first"
             raise FileError(rule, at="run", value=directory.path)
         scene = scene_of_run(directory, allow_code)
-        return describe(self.reduce(prepare_scene(scene), study[2], done, options), scene)
+        given = study[2], done, options, threads or threads_available()
+        return describe(self.reduce(prepare_scene(scene), *given), scene)
 
     def create(
         self, name: str, design: Design, options: Any, path: Path, **ways: Any

@@ -168,8 +168,9 @@ def cost_of(run: PreparedRun, request: Request, numbers: Sequence[int]) -> float
 
 
 def reduce(
-    run: PreparedRun, request: Request, done: dict[int, TaskArrays], options: LyapunovOptions
-) -> xr.Dataset:
+    run: PreparedRun, request: Request, done: dict[int, TaskArrays], options: LyapunovOptions,
+    threads: int,
+) -> xr.Dataset:  # fmt: skip
     """Return the Dataset of the members of the finished tasks."""
     scene, size, numbers = run.scene, request["size"], sorted(done)
 

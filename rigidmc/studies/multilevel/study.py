@@ -187,6 +187,7 @@ def reduce(
     request: runs.Request,
     found: dict[int, runs.TaskArrays],
     options: MultilevelOptions,
+    threads: int,
 ) -> xr.Dataset:
     """Return the Dataset of the finished rounds; FileError if the first is not finished."""
     setup = make_setup(run, **request)

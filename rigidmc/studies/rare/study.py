@@ -186,8 +186,9 @@ def compute_repetitions(
 
 
 def reduce(
-    run: PreparedRun, request: Request, found: dict[int, TaskArrays], options: RareOptions
-) -> xr.Dataset:
+    run: PreparedRun, request: Request, found: dict[int, TaskArrays], options: RareOptions,
+    threads: int,
+) -> xr.Dataset:  # fmt: skip
     """Return the Dataset of the finished repetitions."""
     scene, confidence, numbers = run.scene, options.confidence, sorted(found)
     rows = [found[i] for i in numbers]
