@@ -13,7 +13,7 @@ BENCHES = (
     "throughput", "startup", "calls", "accuracy", "bits", "memory", "checks", "effects", "sets",
     "watching", "axes", "bath", "rare", "exact", "tolerance", "maps", "runs", "workers", "reading",
     "billion", "orders", "derivatives", "peers", "loop", "coming_from", "coverage",
-    "fits", "fit_peers", "gpu", "device",
+    "fits", "gpu", "device",
 )  # fmt: skip
 HERE = os.path.dirname(os.path.abspath(__file__))
 
@@ -38,7 +38,7 @@ def main():
         "--python",
         default=sys.executable,
         metavar="PATH",
-        help="an interpreter that has the other programs of coming_from and fit_peers",
+        help="an interpreter that has the other programs of coming_from and fits",
     )
     options = parser.parse_args()
     if unknown := [name for name in options.names if name not in BENCHES]:
@@ -56,7 +56,7 @@ def main():
             began = time.perf_counter()
             bench = importlib.import_module(f"bench.{name}")
             print(f"\n== {name}")
-            more = {"python": options.python} if name in ("coming_from", "fit_peers") else {}
+            more = {"python": options.python} if name in ("coming_from", "fits") else {}
             rows = bench.run(options.quick, **more)
             if not rows:  # for a device that is missing here: keep the rows of another machine
                 print(f"{name}: nothing was measured")

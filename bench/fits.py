@@ -9,6 +9,7 @@ uniform (Talts et al., arXiv:1804.06788). The free body has any shape, and its s
 slowed ball has any start and a damping rate from 0 on.
 """
 
+import sys
 import time
 import warnings
 from concurrent.futures import ProcessPoolExecutor
@@ -20,13 +21,17 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
+from bench import fit_peers as peers
+from bench import harness
 from rigidmc.studies.fit.setup import make_problem, records_of
 from rigidmc.studies.fit.solve import minimise
+from rigidmc.studies.fit.starts import make_starts
 from rigidmc.studies.fit.visible import in_words, seen
 
 FREE = "body.moments,start.omega"
 NOISE, EVERY = 0.02, 0.01  # [rad/s], [s]
 LAWS = "right model", "drag left out"
+GUESS = rm.Scene(rm.Body((0.9, 1.0, 0.95)), start=rm.Start(omega=(1.0, 1.0, 1.0)))
 
 
 def table_of(t, omega):
@@ -64,11 +69,10 @@ def record_of(seed, law):
 def fit_one(seed, law, trials=100):
     """Return the row of one record."""
     truth, moments, table = record_of(seed, law)
-    guess = rm.Scene(rm.Body((0.9, 1.0, 0.95)), start=rm.Start(omega=(1.0, 1.0, 1.0)))
     began = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        study = rm.fit(guess, table, FREE, nuisances="bias,alignment", trials=trials, threads=1)
+        study = rm.fit(GUESS, table, FREE, nuisances="bias,alignment", trials=trials, threads=1)
     seconds = time.perf_counter() - began
     ratio, spread = study.ratio.values, study.ratio_deviation.values
     off = [(ratio[i, 2] - moments[i] / moments[2]) / spread[i, 2] for i in (0, 1)]
@@ -221,44 +225,137 @@ def chi_square(ranks, bins):
     return stats.chi2.sf(((counts - expected) ** 2 / expected).sum(1), bins - 1)
 
 
-def both(job):
+def phone_of(seed):
+    """Return the row of a record of a phone: the errors of its ratios, over the least deviations
+    and over the deviations that are told."""
+    study = peers.fit(seed, 20)
+    off = study.ratio.values[:2, 2] - peers.MOMENTS[:2]
+    told = study.ratio_deviation.values[:2, 2]
+    return {"off": (off / peers.bound()).tolist(), "told": (told / peers.bound()).tolist()}
+
+
+def memory(word="VmRSS"):
+    """Return the memory of this process [MB]; VmHWM : the largest so far"""
+    with open("/proc/self/status") as file:
+        return int(dict(line.split(":") for line in file)[word].split()[0]) / 1e3
+
+
+def speed_of(trials):
+    """Return the row of many trials: 2,000 rates of a body in three turns, 6 parameters."""
+    imports, end = memory(), 2.0 * np.pi / 3.7 * 3.0
+    scene = rm.Scene(rm.Body((0.45, 0.8, 1.1)), start=rm.Start(omega=(1.0, 3.0, -2.0)))
+    ds = moved(scene, end, end / 1999)
+    read = ds.omega.values[:, :, 0] + NOISE * np.random.default_rng(1).normal(size=(2000, 3))
+    table = table_of(ds.time.values, read)
+    problem = make_problem(
+        GUESS, FREE.split(","), (), records_of(GUESS, table, {}, None, None, ()),
+        {"omega": NOISE}, (), harness.threads_available(),
+    )  # fmt: skip
+    x = make_starts(problem, 1000, 1)
+    problem.sums(x[:32])  # compiles
+    step, step_busy = harness.once(lambda: problem.sums(x))
+    rm.fit(GUESS, table, FREE, noise={"omega": NOISE}, trials=4)
+    few = memory("VmHWM")
+    seconds, busy = harness.once(
+        lambda: rm.fit(GUESS, table, FREE, noise={"omega": NOISE}, trials=trials)
+    )
+    return {"trials": trials, "step": step, "step_busy": step_busy, "seconds": seconds,
+            "busy": busy, "imports": imports,
+            "few": few, "most": memory("VmHWM")}  # fmt: skip
+
+
+KINDS = {"fit": fit_one, "gauge": gauge_of, "ranks": ranks_of, "phone": phone_of, "speed": speed_of}
+
+
+def work(job):
     """Return the row of a job, in a process of its own."""
     kind, *rest = job
-    return {"fit": fit_one, "gauge": gauge_of, "ranks": ranks_of}[kind](*rest)
+    return harness.row(kind, **KINDS[kind](*rest))
 
 
-def run(quick):
-    """Return the rows: gauges, and records of both laws."""
+def run(quick, python=sys.executable):
+    """Return the rows: gauges, records of both laws and of a phone, ranks, speed, other programs,
+    and what is asked."""
     count = 8 if quick else 200
-    jobs = [("gauge", name) for name in GAUGES]
+    jobs = [("gauge", name) for name in GAUGES] + [("phone", seed) for seed in range(count)]
     jobs += [("fit", seed, law) for law in LAWS for seed in range(count)]
     jobs += [("ranks", seed, name) for name in POSTERIORS for seed in range(count)]
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        return list(pool.map(both, jobs))
+        rows = list(pool.map(work, jobs))
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        rows.append(pool.submit(work, ("speed", 2000 if quick else 100_000)).result())
+    rows += peers.run(quick, python)
+    return rows + asked(rows)
+
+
+def asked(rows):
+    """Return the rows of the closing table, of the rows that there are."""
+    found, at_most = [], harness.at_most
+    for law, least in zip(LAWS, (0.93, 0.90), strict=True):
+        some = [row for row in harness.of_kind(rows, "fit") if row["law"] == law]
+        if some:
+            inside = (np.abs([row["off"] for row in some]) < 1.96).mean(axis=1)
+            listed, told = (np.mean([row[k] for row in some]) for k in ("is_listed", "told"))
+            note = f"+- {error_of(inside):.1%}; told {told:.1%}"
+            found += [
+                harness.target(f"95 % intervals cover, {law}", least, inside.mean(), note=note),
+                harness.target(f"true or listed, {law}", 0.99, listed),
+            ]
+    if phones := harness.of_kind(rows, "phone"):
+        off = np.square([row["off"] for row in phones])
+        told = np.median([row["told"] for row in phones], axis=0)
+        for i, each in enumerate(off.T):
+            size = np.sqrt(each.mean())
+            note = f"+- {0.5 * error_of(each) / size:.3f}; told {told[i]:.3f}"
+            what = f"error of I{i + 1}/I3 over Cramer and Rao's"
+            found.append(at_most(what, 1.1, size, note=note))
+    if gauges := harness.of_kind(rows, "gauge"):
+        right = np.mean([row["right"] for row in gauges])
+        found.append(harness.target("gauge named right", 1.0, right, note=f"of {len(gauges)}"))
+    for row in harness.of_kind(rows, "speed"):
+        what = f"{row['trials']:,} trials x 2,000 samples x 6"
+        beyond = f"imports {row['imports']:.0f}, 4 trials {row['few']:.0f} MB"
+        found += [
+            at_most(
+                "1,000 trials x 2,000 x 6, a step",
+                1.0,
+                row["step"],
+                "s",
+                note=f"{row['step_busy']:.2g} s of processor",
+            ),
+            at_most(what, 60.0, row["seconds"], "s", note=f"{row['busy']:.0f} s of processor"),
+            at_most(f"{what}, memory", 200.0, row["most"], "MB", note=beyond),
+        ]
+    each = {row["name"]: row["seconds"] for row in harness.of_kind(rows, "peer")}
+    for name in filter(each.get, peers.OTHERS):
+        what = f"a fit with intervals, beside {name}"
+        found.append(at_most(what, round(each[name], 2), each["rigidmc, one guess"], "s", aim=True))
+    return found
+
+
+def error_of(values):
+    """Return the standard error of a mean."""
+    return float(np.std(values, ddof=1) / np.sqrt(len(values)))
 
 
 def report(rows):
     """Print what the rows say."""
-    gauges = [row for row in rows if "gauge" in row]
-    if gauges:
-        right = sum(row["right"] for row in gauges)
-        print(f"gauge named right: {right} of {len(gauges)}")
-        for row in gauges:
-            if not row["right"]:
-                print(f"  {row['gauge']}: {row['unseen']} for {row['asked']}: {row['text']}")
+    for row in harness.of_kind(rows, "gauge"):
+        if not row["right"]:
+            print(f"{row['gauge']}: {row['unseen']} for {row['asked']}: {row['text']}")
     for law in LAWS:
-        some = [row for row in rows if row.get("law") == law]
-        if some:
-            harness_lines(law, some)
+        coverage_lines(law, [row for row in harness.of_kind(rows, "fit") if row["law"] == law])
     for name in POSTERIORS:
-        some = [row for row in rows if row.get("posterior") == name]
+        some = [row for row in harness.of_kind(rows, "ranks") if row["posterior"] == name]
         if some:
             chance = chi_square([row["ranks"] for row in some], max(2, len(some) // 10))
             print(f"ranks of {name}: {len(some)} truths, chi-square by chance {chance.round(2)},"
                   f" {np.mean([row['converged'] for row in some]):.1%} converged")  # fmt: skip
+    peers.show(rows)
+    harness.report_targets(rows)
 
 
-def harness_lines(law, rows):
+def coverage_lines(law, rows):
     """Print the shares of one law."""
     off = np.abs([row["off"] for row in rows])
     inside = off < 1.96

@@ -6,13 +6,14 @@ from scipy import stats
 
 import rigidmc as rm
 from bench import fits
+from bench.fit_peers import END, MOMENTS, NOISE, OMEGA, rates
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.studies.design.information import make_pairs, problem_of, read_sensors
 from rigidmc.studies.design.study import table as lines_of
 from rigidmc.studies.fit.setup import make_problem, records_of
 from rigidmc.studies.fit.solve import minimise
 from rigidmc.studies.propagate.covariance import at_means
-from tests.studies.test_fit import END, MOMENTS, NOISE, OMEGA, rates, scipy_fit
+from tests.studies.test_fit import scipy_fit
 from tests.tools.commands import invoke
 
 FREE = "body.moments,start.omega"

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
 from bench import fits
+from bench.fit_peers import MOMENTS, NOISE, OMEGA, bound, differences, rates, record  # fmt: skip
 from rigidmc.engine import program
 from rigidmc.engine.program import Program
 from rigidmc.studies.fit.answers import doubts, grown, growth, merged, upright
@@ -21,27 +21,7 @@ from rigidmc.studies.fit.uncertainty import ModelError, _basis, _likelihood, by_
 from rigidmc.studies.fit.uncertainty import covariance_of as covariance_by_channel
 from rigidmc.studies.fit.visible import seen
 
-MOMENTS, OMEGA = np.array([0.25, 0.85, 1.0]), np.array([0.8, 9.0, 0.5])
-NOISE, EVERY, END = 0.002, 0.01, 4.0
 SENSORS = ("bias", "scale", "alignment", "offset", "drift")
-
-
-def rates(ratios, omega, t):
-    """Return the rates (n, 3) of a free body by SciPy; ratios : I1/I3, I2/I3"""
-    i1, i2, i3 = *ratios, 1.0
-    found = solve_ivp(
-        lambda _, w: [(i2 - i3) * w[1] * w[2] / i1, (i3 - i1) * w[2] * w[0] / i2,
-                      (i1 - i2) * w[0] * w[1] / i3],
-        (0.0, t[-1]), omega, "DOP853", t, rtol=1e-11, atol=1e-12,
-    )  # fmt: skip
-    return found.y.T
-
-
-def record(noise=NOISE, seed=0):
-    """Return (times, rates) of a free body that flips three times."""
-    t = np.arange(0.0, END + 1e-9, EVERY)
-    omega = rates(MOMENTS[:2], OMEGA, t)
-    return t, omega + noise * np.random.default_rng(seed).normal(size=omega.shape)
 
 
 SCENE = rm.Scene(rm.Body((0.3, 0.8, 1.0)), start=rm.Start(omega=tuple(OMEGA)))
@@ -74,12 +54,6 @@ def of_two_records():
         "attitude.alignment",
     ]
     return problem_of(table, nuisances, 0.01, split="toss")
-
-
-def differences(of, x, steps=1e-6):
-    """Return the derivatives of `of` by central differences."""
-    each = steps * np.eye(x.size)
-    return np.stack([(of(x + d) - of(x - d)) / (2.0 * steps) for d in each], axis=-1)
 
 
 def some_coordinates(problem, seed=1):
@@ -417,19 +391,17 @@ def test_the_covariance_is_the_mean_over_laws():
 
 def test_deviations_are_at_the_bound_of_cramer_and_rao():
     """A phone that flips three times: 2 mrad/s at 100 Hz."""
-    t, _ = record()
-    slopes = differences(lambda p: rates(p[:2], p[2:], t).ravel(), np.array([*MOMENTS[:2], *OMEGA]))
-    bound = NOISE * np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))[:2]
+    least, (t, _) = bound(), record()
     assert (np.diff(np.sign(rates(MOMENTS[:2], OMEGA, t)[:, 1])) != 0).sum() >= 3
     off, told = [], []
     for seed in range(40):
         table = fits.table_of(*record(seed=seed))
         study = rm.fit(SCENE, table, FREE, noise={"omega": NOISE}, trials=4)
-        off.append((study.ratio.values[:2, 2] - MOMENTS[:2]) / bound)
+        off.append((study.ratio.values[:2, 2] - MOMENTS[:2]) / least)
         told.append(study.ratio_deviation.values[:2, 2])
     # a chance torque or correlation widens one in thirty
-    np.testing.assert_allclose(np.median(told, axis=0), bound, rtol=0.1)
-    assert np.mean(np.array(told) < 1.1 * bound) > 0.9
+    np.testing.assert_allclose(np.median(told, axis=0), least, rtol=0.1)
+    assert np.mean(np.array(told) < 1.1 * least) > 0.9
     # of 80 errors of which two and two are correlated, the mean square is 1 +- .2
     assert 0.5 < np.mean(np.square(off)) < 1.6
 

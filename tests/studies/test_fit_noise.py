@@ -10,22 +10,13 @@ from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
 from bench import fits
+from bench.fit_peers import MOMENTS, NOISE, OMEGA, rates, record
 from rigidmc.errors import OptionError
 from rigidmc.studies.fit.problem import LOSSES, FitProblem
 from rigidmc.studies.fit.streams import ATTITUDE, VECTOR, Jitter, Stream, high_frequency_noise
 from rigidmc.studies.fit.table import table as lines_of
 from rigidmc.studies.fit.uncertainty import pseudo_residuals
-from tests.studies.test_fit import (
-    FREE,
-    MOMENTS,
-    NOISE,
-    OMEGA,
-    SCENE,
-    problem_of,
-    rates,
-    record,
-    some_coordinates,
-)
+from tests.studies.test_fit import FREE, SCENE, problem_of, some_coordinates
 
 TAU = 2e-3  # [s]: .3 rad/s of the fastest rates, 150 times their noise
 
