@@ -74,7 +74,7 @@ from rigidmc.studies.framework.tasks import Tasks
 MOST_FINER = 64  # steps, times that of the rates: a nutation is 64 times as fast as they
 MOST_REFINED = 6  # fits, each with the noise of the one before: measured 1, 2, with jitter 4, 5
 RESOLVED = 0.1  # of a deviation; measured at rates' steps 2e-6 to 5e-3
-SLOW = 4  # times finer steps are told
+SLOW = 4  # times finer steps, from which on a warning says so
 UNRESOLVED = "steps of half the length change the motion of this answer: all its numbers are wrong"
 MOST_DRAWN = 16  # times DRAWN, most trials of a task: a trial of a larger task costs as much
 
