@@ -51,8 +51,8 @@ def seen(matrix: Array, slopes: Array | None = None) -> Seen:
     slopes : of the parameters by the coordinates; what changes no parameter is not missed
     """
     unit = np.sqrt(np.diag(matrix))
-    # a column of zeros stays one, whatever divides it
-    unit = 1.0 / np.where(unit == 0.0, 1.0, unit)
+    # a column of zeros stays one, whatever divides it: as small as the others, in sums with them
+    unit = 1.0 / np.where(unit == 0.0, unit.max() or 1.0, unit)
     scale = np.outer(unit, unit)
     values, vectors = np.linalg.eigh(matrix * scale)
     shown = values > UNSEEN * values[-1] * len(values)
