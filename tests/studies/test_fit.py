@@ -17,7 +17,14 @@ from rigidmc.studies.fit.parameters import PAIRS, left_jacobian
 from rigidmc.studies.fit.setup import make_problem, records_of
 from rigidmc.studies.fit.solve import Solution, minimise, polish
 from rigidmc.studies.fit.starts import make_starts
-from rigidmc.studies.fit.uncertainty import ModelError, _basis, _likelihood, by_channel, model_error
+from rigidmc.studies.fit.uncertainty import (
+    ModelError,
+    _basis,
+    _likelihood,
+    assess,
+    by_channel,
+    model_error,
+)
 from rigidmc.studies.fit.uncertainty import covariance_of as covariance_by_channel
 from rigidmc.studies.fit.visible import seen
 
@@ -260,12 +267,16 @@ def test_a_sensor_with_any_attitude_is_found(effects, count, trials):
         np.testing.assert_allclose(tensor, expected, atol=0.01)  # measured 2e-3
 
 
+def doubts_of(problem, found):
+    return doubts(problem, found, assess(problem, found.x[0]))
+
+
 @pytest.mark.parametrize("hand", [1.0, -1.0])
 def test_a_left_handed_sensor_is_told(hand):
     turn = Rotation.from_rotvec([0.5, -0.2, 0.8]).as_matrix()
     problem = problem_of(turned_record(hand * turn), ("alignment",), 0.02)
     found = answers_of(problem, 20)
-    (text,) = doubts(problem, found)
+    (text,) = doubts_of(problem, found)
     other = np.array(text.split(" as ")[1].split(" : "), float)
     here = problem.parameters.values(found.x[0])[:3]
     true = np.array([0.45, 0.8, 1.1])
@@ -275,7 +286,7 @@ def test_a_left_handed_sensor_is_told(hand):
     torque = (rm.BodyTorque((0.5, -0.4, 0.6)),)
     driven = rm.Scene(SCENE.body, *torque, start=SCENE.start)
     problem = problem_of(turned_record(turn, torque), ("alignment",), 0.02, driven)
-    assert not doubts(problem, answers_of(problem, 100))
+    assert not doubts_of(problem, answers_of(problem, 100))
 
 
 def test_aliased_rates_are_found():
@@ -291,10 +302,10 @@ def test_a_motion_that_no_fit_follows_is_told():
     moments, problem = long_record("chaos")
     wrong = problem.parameters.coordinates({"body.moments": moments * [1.01, 1.0, 1.0]})
     ends = np.ones(1, int)
-    text = doubts(problem, Solution(wrong[None], problem.sums(wrong[None]), ends > 0, ends))
+    text = doubts_of(problem, Solution(wrong[None], problem.sums(wrong[None]), ends > 0, ends))
     assert "changes of the motion grow" in text[0] and "--between" in text[0]
     right = answers_of(problem, 30)
-    assert doubts(problem, right) == []  # though its changes grow as much
+    assert doubts_of(problem, right) == []  # though its changes grow as much
 
 
 def test_the_balance_of_momentum_is_a_body():

@@ -15,7 +15,13 @@ import rigidmc as rm
 from rigidmc.cli.app import app
 from rigidmc.errors import OptionError, RigidmcError
 from rigidmc.studies.fit.options import FitOptions
-from rigidmc.studies.fit.records import Record, read_columns_option, read_records
+from rigidmc.studies.fit.records import (
+    MOST_BYTES,
+    MOST_ROWS,
+    Record,
+    read_columns_option,
+    read_records,
+)
 from rigidmc.studies.fit.setup import make_problem, records_of
 from rigidmc.studies.fit.solve import minimise
 from rigidmc.studies.fit.starts import make_starts
@@ -200,6 +206,8 @@ REFUSED = {
     "t,a,b,c\n0,1,2,3\n1,1,2,5\n": ({"columns": "omega=,,"}, "expected OBSERVABLE=COLUMN"),
     "tt,wx,wy,wz\n0,1,2,3\n1,1,2,3\n": ({"time": "ty"}, "tt"),
     "t,wx,wy,wz\n0,1,2,3\n1,1,2,9\n": ({"split": "wxy"}, "wx"),
+    "t,wx,wy,wz\n0,1,2,3\n1,-inf,2,3\n": ({}, "row 2 is infinite"),
+    "t,a,b,c\n0,1,2,3\n1,1e308,2,3\n": ({"columns": "omega=9*a,b,c"}, "row 2 is infinite"),
 }  # fmt: skip
 
 
@@ -216,10 +224,15 @@ def test_files_and_objects_are_refused(tmp_path):
     (tmp_path / "binary.csv").write_bytes(bytes(range(256)) * 9)
     (tmp_path / "Accelerometer.csv").write_text("seconds_elapsed,z,y,x\n0,1,2,3\n1,2,3,4\n")
     (tmp_path / "long.csv").write_text("x" * (2**20 + 9))
+    with open(tmp_path / "sparse.csv", "wb") as file:
+        file.truncate(MOST_BYTES + 1)
+    rows = np.arange(MOST_ROWS + 1.0)
     for data, message in (
         (tmp_path / "binary.csv", "UTF-8"),
         (tmp_path / "Accelerometer.csv", "no column has the name of an observable"),
         (tmp_path / "long.csv", "characters"),
+        (tmp_path / "sparse.csv", "128 MiB, at most 128 are read"),
+        ({"t": rows, "wx": rows, "wy": rows, "wz": rows}, "1,000,001 rows, at most 1,000,000"),
         (tmp_path, "a folder"),
         (tmp_path / "none.csv", "no such file"),
         (3, "expected the path of a table"),
@@ -277,6 +290,20 @@ def test_nothing_is_told_of_sound_rates(motion):
     assert told(scene, t[::7], w[::7]) == []
     gaps = np.where(np.random.default_rng(2).random(w.shape) < 0.1, np.nan, w)
     assert told(scene, t, gaps) == []
+
+
+def test_rough_guesses_are_not_suspected(motion):
+    """First guesses right to 10 % tell a negated column, and columns in another order."""
+    scene, t, w = motion
+    rng, found = np.random.default_rng(4), list[bool]()
+    for _ in range(6):
+        guess = np.array((1.0, 1.0, 9.0))
+        while 2.0 * guess.max() >= guess.sum():
+            guess = np.array(scene.body.moments) * np.exp(0.1 * rng.standard_normal(3))
+        rough = rm.Scene(rm.Body(tuple(guess)), (), scene.start)
+        assert told(rough, t, w) == []
+        found += [told(rough, t, w * [1, -1, 1]) != [], told(rough, t, w[:, [2, 0, 1]]) != []]
+    assert all(found)
 
 
 @pytest.mark.parametrize("factor", FACTORS)
@@ -378,6 +405,41 @@ def test_hanging_and_slow_sensors_are_told():
     ):
         notes = told(scene, t, readings)
         assert len(notes) == 1 and text in notes[0]
+
+
+def test_numbers_are_no_sensors_that_hang():
+    scene = rm.Scene(rm.Body((1, 1, 1)), (), rm.Start(omega=(0.0, 0.0, 1.0)))
+    w = 1.0 + 0.01 * np.random.default_rng(3).random(9)
+    data = {"t": np.arange(9.0) * 0.1, "w": w, "c": [0.5] * 9}
+    for words, count in (("omega=0,-1.5e-1,w", 0), ("omega=0,c,w", 1), ("omega=0,2*c,w", 1)):
+        records = records_of(scene, data, read_columns_option(words, "columns"), None, None, ())
+        notes = examine(scene, records, ())[1]
+        assert len(notes) == count and all("omega[2] reads" in text for text in notes)
+
+
+@pytest.mark.filterwarnings("ignore:steps 4 times finer")
+def test_a_planar_pendulum_shows_one_moment():
+    def scene(size):
+        body = rm.Body((0.0973 * size, 0.001 * size, 0.0973 * size), 0.45728, (0.0, -0.413, 0.0))
+        start = rm.Start(omega=(0.0, 0.0, 0.0), attitude=(0.0, 0.5 * np.pi, -0.3))
+        return rm.Scene(body, (rm.Gravity(9.809),), start)
+
+    run = {"t_end": 2.0, "dt": 0.01, "every": 0.02, "save": ("omega",), "integrator": "rk8"}
+    w = rm.simulate(scene(1.0), members=1, **run).omega.transpose("time", ...).values.reshape(-1, 3)
+    data = {
+        "t": np.arange(101) * 0.02,
+        "omega": w + 0.005 * np.random.default_rng(1).random((101, 3)),
+    }
+    for size in (1.0, 0.45):
+        study = rm.fit(scene(size), data, "body.moments,start.omega.3", trials=8)
+        assert np.isfinite(study.deviation.values[:3]).tolist() == [False, False, True]
+        assert np.isinf(study.ratio_deviation.values[[0, 1], 2]).all()
+        # measured 1e-4
+        assert abs(study.value.values[0, 2] - 0.0973) < 1e-3
+        unseen = [text.split(":")[0] for text in study.attrs["unseen"].splitlines()]
+        assert sorted(unseen) == [f"the data do not show body.moments.{i}" for i in (1, 2)]
+        told = "body.moments.3 is 2.22 times its first guess" in study.attrs["notes"]
+        assert told == (size < 1.0)
 
 
 def test_noise_of_channels():

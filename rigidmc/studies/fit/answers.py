@@ -5,6 +5,7 @@ end begins the fit of a longer part. Source: Pisarenko & Sornette, Phys. Rev. E 
 """
 
 from functools import cache
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +16,14 @@ from rigidmc.runs.prepare import prepare_scene
 from rigidmc.studies.fit.parameters import MOMENTS
 from rigidmc.studies.fit.problem import FitProblem, Sums
 from rigidmc.studies.fit.solve import KEPT, Solution, minimise
-from rigidmc.studies.fit.starts import SPINS, TILT
+from rigidmc.studies.fit.starts import SPINS
 from rigidmc.studies.fit.streams import Array, Stream
+from rigidmc.studies.fit.suspicions import BETTER, RIGHT
+from rigidmc.studies.fit.uncertainty import Assessment
 
 FIRST, SAMPLES = 64, 128  # saves of the first part, about 16 rad; its readings for many trials
 LEAST = 5  # readings of the first part, for each parameter: with fewer, any body fits
+FAR = np.log(2.0)  # of ln(moment/first guess), which an error of 10 % never is
 FALSE = 1e3  # growth from which on a minimum may well be false
 FAST = 100.0  # growth of a change over a part, from which on the next is longer by 1/4, not 1/2
 HOPELESS = 100.0  # excess of the cost, in variances of a residual: ten standard deviations
@@ -69,30 +73,14 @@ def upright(problem: FitProblem, solution: Solution) -> Solution:
     return solution
 
 
-def doubts(problem: FitProblem, solution: Solution) -> list[str]:
-    """Return what else the readings allow beside the first answer, in sentences.
-
-    Another body has the reversed rates: the coefficients a_1 = (I_2 - I_3)/I_1, ... of Euler's
-    equations change their signs for the moments 1 + a_2, 1 - a_1, 1 + a_1 a_2.
-    """
-    parameters, x, cost = problem.parameters, solution.x[0], float(solution.sums.cost[0])
-    turned = [c.columns for c in parameters.columns if c.word == "alignment"]
-    is_turned = turned and np.linalg.norm(x[parameters.index[0, turned[0]]]) > TILT
-    told = list[str]()
-    if is_turned and parameters.mixed and all(s.kind != ATTITUDE for s in problem.streams):
-        i, j, k = parameters.values(x)[:3]
-        a, b = (j - k) / i, (k - i) / j
-        y, other = np.array(x), np.array([1.0 + b, 1.0 - a, 1.0 + a * b])
-        other *= (i + j + k) / other.sum()
-        y[:3] = parameters.coordinates({MOMENTS: other})[:3]
-        for column in parameters.columns:
-            if column.name in SPINS or column.word == "bias":
-                y[parameters.index[:, column.columns]] *= -1.0
-        streams = [s._replace(values=-s.values) for s in problem.streams]
-        mirrored = FitProblem(problem.run, parameters, streams, problem.threads, problem.loss)
-        if mirrored.sums(y[None]).cost[0] <= cost * (1.0 + 1e-6):
-            ratios = " : ".join(f"{one:.4g}" for one in other / other[2])
-            told.append(f"if the sensor is left-handed, the moments are as {ratios}")
+def doubts(problem: FitProblem, solution: Solution, found: Assessment) -> list[str]:
+    """Return what else the readings allow beside the first answer, in sentences."""
+    x, cost, told = solution.x[0], float(solution.sums.cost[0]), list[str]()
+    if problem.parameters.mixed:
+        guess = problem.parameters.nominal[MOMENTS]
+        if any(c.word == "alignment" for c in problem.parameters.columns):  # renames axes
+            guess = np.sort(guess)[np.argsort(np.argsort(problem.parameters.values(x)[:3]))]
+        told = _far(problem, x, guess, found) + _mirrored(problem, x, guess, cost)
     changed = growth(problem, x)
     if changed > FALSE and cost > 4.0 * problem.residuals:
         told.append(
@@ -100,6 +88,49 @@ def doubts(problem: FitProblem, solution: Solution) -> list[str]:
             " a false minimum, all numbers are wrong; fit a shorter part by --between"
         )
     return told
+
+
+def _far(problem: FitProblem, x: Array, guess: Array, found: Assessment) -> list[str]:
+    """Return a sentence about a moment that is shown to be far from its first guess."""
+    moments, of = problem.parameters.values(x)[:3], ""
+    change, slopes = np.log(moments / guess), problem.parameters.slopes(x)[:3] / moments[:, None]
+    if found.shown.hides(slopes).all():
+        change, slopes, of = change - change.mean(), slopes - slopes.mean(0), "beside the others, "
+    width = np.sqrt(((slopes @ found.covariance) * slopes).sum(1))
+    far = np.where(found.shown.hides(slopes), 0.0, np.abs(change) - 2.0 * width)
+    i = int(far.argmax())
+    text = f"{of}{MOMENTS}.{i + 1} is {np.exp(change[i]):.3g} times its first guess: wrong units?"
+    return [text] if far[i] > FAR else []
+
+
+def _mirrored(problem: FitProblem, x: Array, guess: Array, cost: float) -> list[str]:
+    """Return a sentence about the body of a left-handed sensor, if first guesses do not exclude it.
+
+    Another body has the reversed rates: the coefficients a_1 = (I_2 - I_3)/I_1, ... of Euler's
+    equations change their signs for the moments 1 + a_2, 1 - a_1, 1 + a_1 a_2.
+    """
+    parameters = problem.parameters
+    i, j, k = moments = parameters.values(x)[:3]
+    a, b = (j - k) / i, (k - i) / j
+    y, other = np.array(x), np.array([1.0 + b, 1.0 - a, 1.0 + a * b])
+    other *= moments.sum() / other.sum()
+    orders = np.array(list(permutations(other)))  # of swapped columns
+    here, there, change = (
+        3.0 * np.var(np.log(u / v), -1).min()
+        for u, v in ((moments, guess), (orders, guess), (orders, moments))
+    )
+    is_open = there < BETTER * max(RIGHT**2, here) and change > RIGHT**2
+    if not is_open or any(s.kind == ATTITUDE for s in problem.streams):
+        return []
+    y[:3] = parameters.coordinates({MOMENTS: other})[:3]
+    for column in parameters.columns:
+        if column.name in SPINS or column.word == "bias":
+            y[parameters.index[:, column.columns]] *= -1.0
+    streams = [s._replace(values=-s.values) for s in problem.streams]
+    mirrored = FitProblem(problem.run, parameters, streams, problem.threads, problem.loss)
+    ratios = " : ".join(f"{one:.4g}" for one in other / other[2])
+    text = f"if the sensor is left-handed (a column negated, two swapped), moments are as {ratios}"
+    return [text] if mirrored.sums(y[None]).cost[0] <= cost * (1.0 + 1e-6) else []
 
 
 def grown(problem: FitProblem, x: Array) -> tuple[Array, NDArray[np.int64]]:

@@ -23,6 +23,7 @@ from rigidmc.studies.fit.streams import Array
 SHIPPED = ("toss",)  # records beside this file, by name: a racket tossed with a phone, simulated
 WHEEL = "wheel"  # name of the momentum of a rotor among observables: a known input, not fitted
 TIMES = ("t", "seconds_elapsed", "time", "timestamp", "date", "utc", "datetime")  # by rank
+MOST_BYTES, MOST_ROWS = 2**27, 1_000_000  # of a text file, and of all records: 2 GB of derivatives
 EPOCH = 1e11  # a time since 1970 in seconds is below this until the year 5138
 RATES = 1.02  # ratio of rates, stated and of the times, that may be rounding
 # units that a name states: "Time (s)" and "w [deg/s]", but not "omega[1]"; "t_ms", "wx_rad_s"
@@ -47,7 +48,7 @@ class Record(NamedTuple):
     name : in messages and results
     times : of each observable [s], as measured;  values : (samples, components) in SI units
     wheel : its times and momenta (samples, 3), if one is measured
-    notes : about its table, in sentences
+    notes : about its table, in sentences;  numbers : channels that the user gives, as omega[1]
     """
 
     name: str
@@ -55,6 +56,7 @@ class Record(NamedTuple):
     values: Mapping[str, Array]
     wheel: Mapping[str, Array] = {}
     notes: tuple[str, ...] = ()
+    numbers: tuple[str, ...] = ()
 
     @property
     def span(self) -> tuple[float, float]:
@@ -117,7 +119,12 @@ def read_records(
                 wanted = {**_found(made, sizes, str(name)), **columns}
             t, notes = _times(made, time, rate)
             some = _records(made, t, wanted, units, sizes, split, between, str(name))
-            records += [record._replace(notes=notes) for record in some]
+            each = [(f"{of}[{i}]", x) for of in wanted for i, x in enumerate(wanted[of][0], 1)]
+            numbers = tuple(of for of, x in each if x not in made and _FACTOR.sub(r"\3", x) == "")
+            records += [record._replace(notes=notes, numbers=numbers) for record in some]
+    if (rows := sum(len(x) for record in records for x in record.values.values())) > MOST_ROWS:
+        rule = f"has {rows:,} rows, at most {MOST_ROWS:,} are fitted: shorten it by --between"
+        raise OptionError(rule, at="data")
     if len(tables) > 1 or len(records) > 1:
         return records
     return [records[0]._replace(name="data")]
@@ -133,6 +140,9 @@ def _table(data: Any) -> dict[str, Any]:
             raise OptionError("no such file", at="data", value=path)
         if path.lower().endswith((".nc", ".zarr")):
             return _of_dataset(open_result(path))
+        if (size := os.path.getsize(path)) > MOST_BYTES:
+            rule = f"has {size / 2**20:,.0f} MiB, at most {MOST_BYTES / 2**20:.0f} are read: cut it"
+            raise OptionError(rule, at="data", value=path)
         try:
             columns = read_text_columns(path, os.path.basename(path), is_measured=True)
         except ValueError as error:
@@ -259,8 +269,13 @@ def _product(table: Mapping[str, Any], word: str, unit: str, wanted: str) -> Arr
     factor = float(f"{sign}{number or 1}")
     if not name:
         return np.full(len(next(iter(table.values()))), factor if number else np.nan)
-    # a factor may have a unit of its own
-    return _column(table, name, "columns") * factor * _factor(name, unit, "" if number else wanted)
+    with np.errstate(over="ignore"):  # a factor may have a unit of its own
+        x = _column(table, name, "columns") * factor
+        x = x * _factor(name, unit, "" if number else wanted)
+    if np.isinf(x).any():
+        rule = f"row {np.isinf(x).argmax() + 1} is infinite: leave the cell of a gap empty"
+        raise OptionError(rule, at="columns", value=name)
+    return x
 
 
 def _records(

@@ -220,7 +220,8 @@ def reduce(
         drawn = draw(problem, found.error, [*solution.x], prior, *how)
         made = made.merge(drawn, combine_attrs="no_conflicts")
     is_sound = divisor(lambda n: make(run.scene, finer=n), at, steps) == steps
-    notes = "\n".join([*request["notes"], *doubts(problem, solution), *[UNRESOLVED][is_sound:]])
+    doubt = doubts(problem, solution, found)
+    notes = "\n".join([*request["notes"], *doubt, *[UNRESOLVED][is_sound:]])
     return made.assign_attrs(notes=notes, trials=request["trials"], settled=int(settled.sum()))
 
 
