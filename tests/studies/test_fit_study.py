@@ -356,3 +356,14 @@ def test_a_dead_channel_is_left_out():
     assert study.sizes["sample"] == 202 and "omega[2] has no readings" in study.notes
     off = (study.ratio[:2, 2] - np.array([0.06922, 0.93707])) / study.ratio_deviation[:2, 2]
     assert np.abs(off).max() < 3.0  # measured 1.83
+
+
+def test_steps_follow_a_spin_that_has_no_readings():
+    """Of a wobble of 1e-5 of it, as of the pole: the readings alone choose steps of 12 rad."""
+    t, random = np.arange(0.0, 100.0, 0.5), np.random.default_rng(2)
+    data = {"t": t, "x": 1e-5 * np.cos(t), "y": 1e-5 * np.sin(t)}
+    data |= {name: data[name] + 1e-8 * random.normal(size=t.size) for name in "xy"}
+    scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), (), rm.Start(omega=(1e-5, 0.0, 1.001)))
+    study = rm.fit(scene, data, "start.omega", columns={"omega": ("x", "y", "")}, trials=2)
+    off = (study.value[0] - np.array([1e-5, 0.0, 1.0])) / study.deviation
+    assert np.abs(off).max() < 3.0  # measured 1.4

@@ -130,18 +130,18 @@ def _with_saves(
 def _fastest(scene: Scene, records: Sequence[Record]) -> float:
     """Return the largest angular velocity of the data, or else of the scene [rad/s]."""
     rates = [record.values["omega"] for record in records if "omega" in record.values]
-    # a rate about one axis is as good a hint: the others may have no readings
     largest = max(
         (float(np.linalg.norm(np.nan_to_num(x), axis=1).max()) for x in rates), default=0.0
     )
-    if largest > 0.0:  # readings of a design are 0
+    is_whole = all(np.isfinite(x).any(0).all() for x in rates)
+    if largest > 0.0 and is_whole:  # readings of a design are 0
         return largest
     spin = scene.start.spin_name
     vector = np.atleast_1d(nominal_of(scene.model, [f"start.{spin}"])[f"start.{spin}"])
     if spin == "momentum":
         moments = nominal_of(scene.model, ["body.moments"])["body.moments"]
         vector = vector / np.asarray(moments)
-    return float(np.linalg.norm(vector))
+    return max(largest, float(np.linalg.norm(vector)))  # of a wobble, whose spin has no readings
 
 
 def _streams(
