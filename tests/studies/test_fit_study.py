@@ -353,7 +353,7 @@ def test_a_dead_channel_is_left_out():
     data = data.isel(member=0)[["omega"]]
     data["omega"] = data.omega + 0.01 * np.random.default_rng(1).normal(size=data.omega.shape)
     study = rm.fit(scene, data, FREE, columns={"omega": ("omega[1]", "", "omega[3]")}, trials=20)
-    assert study.sizes["sample"] == 202 and "omega[2] has no readings" in study.notes
+    assert study.sizes["sample"] == 202 and not study.notes  # the empty name says so
     off = (study.ratio[:2, 2] - np.array([0.06922, 0.93707])) / study.ratio_deviation[:2, 2]
     assert np.abs(off).max() < 3.0  # measured 1.83
 
