@@ -108,6 +108,8 @@ def test_a_spin_about_a_principal_axis_shows_nothing_of_the_body():
     assert "only ratios" in lines[5]
     lines = lines_of(study.isel(start=[1]))
     assert lines[3] == "  no measurement shows it"
+    study = rm.design(body, FREE, "omega=0.01@50", [2.0], RATIO)
+    assert not any("--start" in line for line in lines) and "by --start" in lines_of(study)[3]
     assert sum("the data do not show body.moments" in line for line in lines) == 3
 
 

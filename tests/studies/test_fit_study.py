@@ -119,6 +119,18 @@ def test_members_of_the_fitted_scene_spread_as_the_data_allow(dragged):
     assert (found > 2.0 * wanted).all()  # measured 10, 7.7 and 2.9 times
 
 
+def test_members_run_whose_fitted_damping_may_drive_them():
+    matrix = "effects.matrix_damping.matrix"
+    scene = rm.Scene.load("tennis_racket", {matrix: [0.0] * 6})
+    study = rm.fit(scene, "toss", f"start.omega,{matrix}", nuisances=SENSOR, trials=1)
+    fitted = rm.Scene.loads(study.attrs["fitted"])
+    with pytest.raises(rm.SceneError, match="drives some rotations"):
+        rm.simulate(fitted.with_run(anti_damping=False), members=50, t_end=0.1)
+    with pytest.warns(rm.SceneWarning, match="damping may be negative"):
+        ds = rm.simulate(fitted, members=50, t_end=0.1)
+    assert (ds.status == 0).all()
+
+
 def test_the_order_of_free_does_not_matter(dragged):
     """With derivatives in another order than parameters, residuals are 23 times their noise."""
     scene = rm.Scene.load("tennis_racket", RACKET)

@@ -203,7 +203,8 @@ def table(study: xr.Dataset) -> list[str]:
     best = np.unravel_index(np.nanargmin(found), found.shape)
     text = f" ({low[best]:.2g} to {high[best]:.2g})" if low[best] < high[best] else ""
     text = f"best: {found[best]:.2g}{text} by {ways[best[0]]}, in {times[best[1]]:g} s"
-    lines.append(f"  {text}" if np.isfinite(found[best]) else "  no measurement shows it")
+    hint = ": compare starts by --start" if "of the scene" in of.start.values else ""
+    lines.append(f"  {text}" if np.isfinite(found[best]) else f"  no measurement shows it{hint}")
     if "reach" in a:
         text = f"  none reaches {a['reach']:g}: measure longer, or with less noise"
         for k in np.flatnonzero((found <= a["reach"]).any(0))[:1]:

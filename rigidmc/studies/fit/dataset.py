@@ -185,4 +185,6 @@ def fitted_scene(scene: Scene, problem: FitProblem, value: Array, covariance: Ar
             put = each if parameters.is_vector[column.name] else each[0]
             with suppress(RigidmcError):  # what no distribution may draw stays certain
                 model = with_parameters(model, {column.name: put}, "free", known)
-    return scene.with_model(model)
+    # the data allow members that a matrix drives
+    drives = any(column.name.endswith(".matrix") for column in columns)
+    return scene.with_model(model).with_run(anti_damping=drives or scene.run.anti_damping)
