@@ -29,6 +29,7 @@ from rigidmc.studies.fit.streams import VECTOR, Stream, high_frequency_noise
 from rigidmc.studies.fit.study import maker, start
 from rigidmc.studies.fit.suspicions import FACTORS, examine
 from rigidmc.studies.fit.visible import seen
+from rigidmc.studies.fit.wheel import with_wheel
 
 UNITS = {"omega": "rad s-1", "attitude": "1"}
 SIZES = {"omega": 3, "attitude": 4}
@@ -506,6 +507,24 @@ def test_a_measured_wheel_shows_the_whole_tensor(thrown, is_later):
     request = rm.fit.design(scene, table, ",".join(free), split=split, **given)[1]
     kept = maker(json.loads(json.dumps(request)), 1)(scene)  # as a run directory has it
     np.testing.assert_array_equal(kept.sums(x[None]).cost, problem.sums(x[None]).cost)
+
+
+def test_pieces_of_a_wheel_end_where_its_speed_steps():
+    scene, t = rm.Scene(rm.Body((4.0, 5.0, 7.0))), np.arange(0.0, 600.0, 0.25)
+    steps = [[0.0, 120.0, 122.0, 300.0, 302.0], [0.0, 100.0, 101.0, 250.0, 252.0]]
+    speeds = [np.interp(t, step, [1.0, 1.0, 2.5, 2.5, -0.5]) for step in steps]
+    speeds[1] = speeds[1][: 4 * 400]  # a shorter record
+    wheels = [{"t": 50.0 + t[: h.size], "momenta": h[:, None] * [0.0, 1.0, 0.0]} for h in speeds]
+    records = [
+        Record("pass", {"omega": w["t"]}, {"omega": np.zeros((h.size, 3))}, w)
+        for w, h in zip(wheels, speeds, strict=True)
+    ]
+    made, inputs = with_wheel(scene, records)
+    (wheel,), (lines,) = made.effects, inputs.values()
+    place = np.searchsorted(wheel.times, t, side="right") - 1
+    for (first, rate), h in zip(lines.reshape(2, 2, -1), speeds, strict=True):
+        found = first[place] + rate[place] * t
+        np.testing.assert_allclose(found[: h.size], h, atol=1e-6)
 
 
 def test_a_request_keeps_the_wheel(thrown):
