@@ -25,6 +25,7 @@ FIRST, SAMPLES = 64, 128  # saves of the first part, about 16 rad; its readings 
 LEAST = 5  # readings of the first part, for each parameter: with fewer, any body fits
 FAR = np.log(2.0)  # of ln(moment/first guess), which an error of 10 % never is
 FALSE = 1e3  # growth from which on a minimum may well be false
+FAILED = 0.25  # of the changes of readings: false minima leave .35, a frisbee without lift .14
 FAST = 100.0  # growth of a change over a part, from which on the next is longer by 1/4, not 1/2
 HOPELESS = 100.0  # excess of the cost, in variances of a residual: ten standard deviations
 MOST = 20  # answers kept
@@ -81,11 +82,17 @@ def doubts(problem: FitProblem, solution: Solution, found: Assessment) -> list[s
         if any(c.word == "alignment" for c in problem.parameters.columns):  # renames axes
             guess = np.sort(guess)[np.argsort(np.argsort(problem.parameters.values(x)[:3]))]
         told = _far(problem, x, guess, found) + _mirrored(problem, x, guess, cost)
-    changed = growth(problem, x)
-    if changed > FALSE and cost > 4.0 * problem.residuals:
+    changed, changes = growth(problem, x), float(problem.residuals)
+    for s in problem.streams:
+        noise = 0.5 * s.noise.mean() if s.kind == ATTITUDE else s.noise
+        read = np.ma.masked_invalid((s.values / noise).reshape(-1, s.values.shape[2]))
+        changes += float(np.sum(read.anom(0) ** 2))
+    left = np.sqrt(cost / changes)
+    if cost > 4.0 * problem.residuals and (changed > FALSE or left > FAILED):
         told.append(
-            f"changes of the motion grow {changed:.2g}-fold in the record, and no motion fits: with"
-            " a false minimum, all numbers are wrong; fit a shorter part by --between"
+            f"no motion fits: residuals are {left:.2g} of the changes of readings, and changes of"
+            f" the motion grow {changed:.2g}-fold. In a false minimum all numbers are wrong: try"
+            " more --trials, or a shorter part by --between"
         )
     return told
 
@@ -117,9 +124,9 @@ def _mirrored(problem: FitProblem, x: Array, guess: Array, cost: float) -> list[
     orders = np.array(list(permutations(other)))  # of swapped columns
     here, there, change = (
         3.0 * np.var(np.log(u / v), -1).min()
-        for u, v in ((moments, guess), (orders, guess), (orders, moments))
+        for u, v in ((moments, guess), (orders, guess), (other, moments))
     )
-    is_open = there < BETTER * max(RIGHT**2, here) and change > RIGHT**2
+    is_open = there < BETTER * max(RIGHT**2, here) and change > 1e-4  # 1 %
     if not is_open or any(s.kind == ATTITUDE for s in problem.streams):
         return []
     y[:3] = parameters.coordinates({MOMENTS: other})[:3]
@@ -170,9 +177,8 @@ def part_of(problem: FitProblem, saves: int, is_thin: bool) -> FitProblem:
 def growth(problem: FitProblem, x: Array) -> float:
     """Return how much more the parameters of the motion change a reading at any time than one in
     the first tenth of the record."""
-    slopes = np.abs(
-        problem.jacobian(x)[1][:, problem.parameters.index[:, : problem.parameters.moving].ravel()]
-    )
+    moving = problem.parameters.index[:, : problem.parameters.moving].ravel()
+    slopes = np.abs(problem.jacobian(x)[1][:, moving])
     times = problem.samples_in_order()[0]
     early = slopes[times <= 0.1 * times.max()].max(0, initial=0.0)
     return float((slopes.max(0) / np.where(early > 0.0, early, np.inf)).max())

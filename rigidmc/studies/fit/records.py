@@ -325,8 +325,7 @@ def _record(name: str, rows: Any, t: Array, values: Mapping[str, Array]) -> Reco
         if not is_there.any():
             raise OptionError(f"{name} has no samples of {observable}", at="data")
         times[observable], samples[observable] = t[is_there], x[is_there]
-    is_driven = WHEEL in times
-    wheel = {"t": times.pop(WHEEL), "momenta": samples.pop(WHEEL)} if is_driven else {}
+    wheel = {"t": times.pop(WHEEL), "momenta": samples.pop(WHEEL)} if WHEEL in times else {}
     return Record(name, times, samples, wheel)
 
 
