@@ -1,6 +1,7 @@
 """The noise of a fit: jitter of time stamps, outliers, and noise found from residuals."""
 
 import warnings
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -110,6 +111,26 @@ def test_the_jitter_of_time_stamps_is_found():
     # data less model is what it was: the errors of times are not taken out
     spread = [float(np.std(one.data - one.model)) for one in (study, plain)]
     assert spread[0] == pytest.approx(spread[1], rel=0.05)
+
+
+def test_a_lasting_error_lasts_between_the_times_without_jitter():
+    """Between their stamps, samples of 6.5 ms with errors of 5 ms look like a random walk."""
+    random, t, lasts = np.random.default_rng(2), 6.5e-3 * np.arange(101), 0.15
+    at = np.clip(t + 5e-3 * random.normal(size=101), 0.0, 0.72)
+    lasting, order = random.normal(size=(101, 3)), np.argsort(at)
+    for before, k in pairwise(order):
+        rho = np.exp(-(at[k] - at[before]) / lasts)
+        lasting[k] = rho * lasting[before] + np.sqrt(1.0 - rho**2) * lasting[k]
+    fine, truth = np.linspace(0.0, 0.72, 721), (0.82, 0.2)
+    omega = CubicSpline(fine, rates(truth, (18.5, 7.5, 1.5), fine))(at) + 0.15 * lasting
+    scene = rm.Scene(rm.Body((*truth, 1.0)), start=rm.Start(omega=(18.0, 7.0, 1.0)))
+    table = fits.table_of(t, omega + 0.02 * random.normal(size=omega.shape))
+    study = rm.fit(scene, table, FREE, nuisances="jitter", trials=2)
+    # measured 0.71, 1.03 and 0.0043; at the times of the stamps 33, 6.0 and 0.036
+    assert study.attrs["lasting"] < 2.0
+    assert 0.5 < study.attrs["lasting_time"] / lasts < 2.0
+    assert study.ratio_deviation.values[:2, 2].max() < 0.01
+    assert np.abs(off_of(study, truth)).max() < 3.0  # measured 0.5
 
 
 def test_no_jitter_is_found_where_there_is_none():

@@ -137,7 +137,7 @@ def test_the_likelihood_is_that_of_the_whole_covariance(two_records, error):
     problem, x = two_records
     prior = prior_of(problem, x)
     density, z = Density(problem, error, prior), prior.inverse(x)
-    t, _, noise, channel, record = problem.samples_in_order()
+    t, _, noise, channel, record, _ = problem.samples_in_order()
     same = (np.array(channel)[:, None] == np.array(channel)) & (record[:, None] == record)
     covariance = error.lasting * same * np.exp(-np.abs(t[:, None] - t) / error.time)
     covariance += error.white * np.eye(t.size)

@@ -66,7 +66,7 @@ def dataset_of(
     found : what its residuals say;  torques : missing ones
     """
     parameters, x = problem.parameters, solution.x[0]
-    t, data, noise, names, which = problem.samples_in_order()
+    t, data, noise, names, which, _ = problem.samples_in_order()
     allowed = laws(x, found, torques)
     slopes, value = parameters.slopes(x), parameters.values(x)
     covariance = covariance_of(allowed, lambda y: (parameters.values(y), parameters.slopes(y)))

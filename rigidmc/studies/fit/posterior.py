@@ -59,10 +59,10 @@ class Density:
 
     def __init__(self, problem: FitProblem, error: ModelError, prior: Prior) -> None:
         self.problem, self.still, self.error, self.prior = problem, problem.still(), error, prior
-        t, _, _, names, self.record = problem.samples_in_order()
+        _, _, _, names, self.record, t = problem.samples_in_order()
         channel = np.unique(names, return_inverse=True)[1] + len(names) * self.record
-        self.order = np.argsort(channel, kind="stable")
-        steps = np.abs(np.diff(t[self.order], prepend=-np.inf))
+        self.order = np.lexsort((t, channel))
+        steps = np.diff(t[self.order], prepend=-np.inf)
         steps[np.diff(channel[self.order], prepend=-1) > 0] = np.inf
         band, self.left = inverse_of(steps, error.time)
         self.factor = cholesky_banded(band + [[0.0], [error.lasting / error.white]])
@@ -126,7 +126,7 @@ class Density:
 
     def of_records(self, z: Array) -> Array:
         """Return the logarithm of the density of each record (draws, records)."""
-        _, _, noise, _, record = self.problem.samples_in_order()
+        _, _, noise, _, record, _ = self.problem.samples_in_order()
         variance = 2.0 * np.pi * self.error.white * self.left * self.factor[1] ** 2
         constant = 0.5 * np.log(variance) + np.log(noise[self.order])
         found, x = np.zeros((self.problem.parameters.records, len(z))), self._moved(z)[0]

@@ -30,8 +30,6 @@ from rigidmc.studies.fit.streams import NUISANCES, Array, Stream
 BLOCK = 1 << 20
 # {name, as in scipy.optimize.least_squares: (number in the kernel, scale)}
 LOSSES = {"linear": (0, 1.0), "huber": (HUBER, HUBER_SCALE), "cauchy": (CAUCHY, CAUCHY_SCALE)}
-
-
 # Change of the residuals over their noise, by a unit of a coordinate or by all of it, that may be
 # rounding: the azimuth of a top changes its rates by 6e-14, those without noise by 2e-6.
 ROUNDED = 1e-5
@@ -151,9 +149,8 @@ class FitProblem:
         self.weights = [stream.weights() for stream in streams]
         self.along = [stream.along() for stream in streams]
         # as whole arrays without nan: a missing value has the weight 0
-        self.times = [
-            np.nan_to_num(s.times + np.sum(s.shifts, axis=-1)) / self.every for s in streams
-        ]
+        self.corrected = [s.times + np.sum(s.shifts, axis=-1) for s in streams]
+        self.times = [np.nan_to_num(t) / self.every for t in self.corrected]
         self.values = [s.values + s.rates * s.shifts for s in streams]
         self.columns_of = np.full((len(streams), OF_NUISANCES), -1)
         for column in parameters.columns:
@@ -249,14 +246,14 @@ class FitProblem:
         is_new = any(one is not old for one, old in zip(streams, self.streams, strict=True))
         return tuple(streams) if is_new else ()
 
-    def samples_in_order(self) -> tuple[Array, Array, Array, list[str], NDArray[np.int64]]:
-        """Return (times, values, noise, channels, records) of all residuals; the name of a channel
-        is that of a component, omega[1]."""
+    def samples_in_order(self) -> tuple[Array, Array, Array, list[str], NDArray[np.int64], Array]:
+        """Return (times, values, noise, channels, records, times with the likeliest errors) of all
+        residuals; the name of a channel is that of a component, omega[1]."""
         parts: list[tuple[Any, ...]] = []
-        for stream, weights in zip(self.streams, self.weights, strict=True):
+        for stream, weights, at in zip(self.streams, self.weights, self.corrected, strict=True):
             record, k, c = np.nonzero(weights > 0.0)
             values, names = stream.values[..., -stream.channels :], np.array(stream.channel_names())
             of_time = stream.times[record, k], values[record, k, c]
-            parts.append((*of_time, stream.noise[c], names[c], record))
-        t, values, noise, names, records = map(np.concatenate, zip(*parts, strict=True))
-        return t, values, noise, names.tolist(), records
+            parts.append((*of_time, stream.noise[c], names[c], record, at[record, k]))
+        t, values, noise, names, records, at = map(np.concatenate, zip(*parts, strict=True))
+        return t, values, noise, names.tolist(), records, at

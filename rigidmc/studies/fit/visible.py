@@ -40,9 +40,8 @@ class Seen(NamedTuple):
     def hides(self, slopes: Array) -> NDArray[np.bool_]:
         """Return whether the data do not show what changes so with the coordinates (n, size)."""
         ways = np.where(self.shares > TAKES_PART, self.unseen, 0.0).T
-        return np.asarray(
-            (np.abs(slopes @ ways) > TAKES_PART * (np.abs(slopes) @ np.abs(ways))).any(1)
-        )
+        parts = np.abs(slopes) @ np.abs(ways)
+        return np.asarray((np.abs(slopes @ ways) > TAKES_PART * parts).any(1))
 
 
 def seen(matrix: Array, slopes: Array | None = None) -> Seen:
