@@ -174,21 +174,27 @@ POSTERIORS = "free body", "slowed ball"
 RATE = "effects.viscous_damping.rate"
 
 
+def free_body(random):
+    """Return (moments of any shape, scene, table) of a free body whose start is known."""
+    moments = 1.0 - random.dirichlet([1.0, 1.0, 1.0])
+    scene = rm.Scene(rm.Body(tuple(moments)), start=rm.Start(omega=(3.0, 4.0, 5.0)))
+    return moments, scene, noisy(scene, random)
+
+
+def noisy(scene, random):
+    """Return the table of 2 s of a scene, read at 20 Hz with noise of .2 rad/s."""
+    ds = moved(scene, 1.95, 0.05)
+    read = ds.omega.values[:, :, 0] + 0.2 * random.normal(size=(ds.time.size, 3))
+    return table_of(ds.time.values, read)
+
+
 def ranks_of(seed, name):
     """Return the row of a truth: its ranks among the draws, from 0 to 1."""
     random = np.random.default_rng([seed, 7])
-    t = np.arange(0.0, 2.0, 0.05)
     if name == POSTERIORS[0]:
-        share = random.dirichlet([1.0, 1.0, 1.0])
-        body, start, free = (
-            rm.Body(tuple(1.0 - share)),
-            rm.Start(omega=(3.0, 4.0, 5.0)),
-            "body.moments",
-        )
-        scene = rm.Scene(body, start=start)
-        moments = 1.0 - share
+        moments, guess, table = free_body(random)
         truth = {f"body.moments.{i + 1}/body.moments.3": moments[i] / moments[2] for i in (0, 1)}
-        guess, limits = scene, {}
+        limits, free = {}, "body.moments"
     else:
         omega, rate = random.uniform(-3.0, 3.0, 3), random.uniform(0.0, 0.5)
         truth = {RATE: rate} | {f"start.omega.{k + 1}": omega[k] for k in range(3)}
@@ -197,11 +203,7 @@ def ranks_of(seed, name):
             for k, w in ((rate, tuple(omega)), (0.2, (1.0, 1.0, 1.0)))
         )
         limits = {RATE: (0.0, 0.5)} | {f"start.omega.{k + 1}": (-3.0, 3.0) for k in range(3)}
-        free = f"start.omega,{RATE}"
-    ds = moved(scene, float(t[-1]), 0.05)
-    table = table_of(
-        ds.time.values, ds.omega.values[:, :, 0] + 0.2 * random.normal(size=(t.size, 3))
-    )
+        free, table = f"start.omega,{RATE}", noisy(scene, random)
     words = {"posterior": "emcee", "chains": 2, "trials": 8, "noise": {"omega": 0.2}, "threads": 1}
     study = rm.fit(guess, table, free, **words)
     drawn = {str(q): study.drawn.sel(quantity=q).values.ravel() for q in study.quantity.values}
@@ -214,6 +216,9 @@ def ranks_of(seed, name):
         "seed": seed,
         "ranks": ranks,
         "converged": int(study.attrs["converged"]),
+        "r_hat": float(study.r_hat.max()),
+        "worst": str(study.quantity.values[np.argmax(study.r_hat.values)]),
+        "effective": float(study.effective.min()),
     }
 
 
@@ -351,6 +356,10 @@ def report(rows):
             chance = chi_square([row["ranks"] for row in some], max(2, len(some) // 10))
             print(f"ranks of {name}: {len(some)} truths, chi-square by chance {chance.round(2)},"
                   f" {np.mean([row['converged'] for row in some]):.1%} converged")  # fmt: skip
+        for row in some:
+            if not row["converged"]:
+                print(f"  seed {row['seed']}: R-hat {row['r_hat']:.3f} of {row['worst']},"
+                      f" {row['effective']:.0f} effective")  # fmt: skip
     peers.show(rows)
     harness.report_targets(rows)
 

@@ -11,7 +11,7 @@ import rigidmc as rm
 from bench import fits
 from rigidmc.errors import OptionError
 from rigidmc.studies.fit.draws import draw, groups_of
-from rigidmc.studies.fit.posterior import Density, climb, package
+from rigidmc.studies.fit.posterior import SAMPLERS, Density, climb, package
 from rigidmc.studies.fit.prior import Prior
 from rigidmc.studies.fit.records import read_columns_option
 from rigidmc.studies.fit.setup import make_problem, records_of
@@ -119,6 +119,34 @@ def test_a_limit_is_respected_as_on_a_grid():
     deviation = np.sqrt(weight @ (v / size + (best[:, 2] - mean) ** 2))
     assert abs(start.mean() - mean) < 0.08 * deviation
     assert start.std() == pytest.approx(deviation, rel=0.08)
+
+
+def test_a_ridge_along_a_limit_is_filled_as_on_a_grid():
+    """Moments near those of a plate: ln J of the least is far from normal, and bends the ridge."""
+    scene, table = fits.free_body(np.random.default_rng([24, 7]))[1:]
+    words = {"posterior": "emcee", "chains": 2, "trials": 8, "noise": {"omega": 0.2}}
+    study = rm.fit(scene, table, "body.moments", **words)
+    # by stretches of ln J: 269 effective
+    assert study.attrs["converged"] == 1 and study.effective.min() > 1000  # measured 1,655
+    drawn = study.drawn.values.reshape(-1, 5)
+    problem = problem_of(scene, table, ("body.moments",), noise=0.2).still()
+    # I2 has a straight line over I1: shares of the moments on a grid along it
+    one, two = 1.0 - drawn[:, 0], 1.0 - drawn[:, 1]
+    slope, middle = np.polyfit(one, two, 1)
+    off = two - slope * one - middle
+    a, b = np.meshgrid(
+        np.linspace(0.0, 0.02, 402)[1:-1], 1.5 * np.abs(off).max() * np.linspace(-1, 1, 101)
+    )
+    share = np.stack([a, middle + slope * a + b, 1.0 - a - middle - slope * a - b], axis=-1)
+    rows = [problem.residuals_of(np.log(each)) for each in share]
+    cost = np.stack([(row**2).sum(1) for row in rows])
+    weight = np.exp(-0.5 * (cost - cost.min()) / study.attrs["white"]).sum(0)
+    weight /= weight.sum()
+    assert weight[0] > 0.05 * weight.max() and weight[-1] < 1e-3 * weight.max()
+    for level in (0.05, 0.1, 0.3, 0.5, 0.7, 0.9):
+        x = np.interp(level, weight.cumsum() - 0.5 * weight, a[0])
+        # standard error .016, from eight seeds; measured .030
+        assert np.mean(one < x) == pytest.approx(level, abs=0.05)
 
 
 @pytest.fixture(scope="module")
@@ -327,10 +355,35 @@ def test_draws_that_disagree_are_no_posterior(still):
     study = rm.fit(BALL, table, "start.omega", posterior="nuts", draws=20, trials=2)
     assert study.attrs["converged"] == 0 and study.effective.max() < 400
     text = "\n".join(lines_of(study))
-    assert (
-        "no posterior: chains disagree most about" in text and "(" not in text.split("no post")[1]
-    )
+    worst, few = study.quantity.values[
+        [np.argmax(study.r_hat.values), np.argmin(study.effective.values)]
+    ]
+    assert f"no posterior: chains disagree most about {worst};" in text
+    assert f"; {few} has the fewest effective." in text
+    assert "(" not in text.split("no post")[1]
     assert "posterior" not in groups_of(study) and "warmup_posterior" in groups_of(study)
+
+
+def test_independent_draws_agree_and_a_walker_that_rests_does_not(still, monkeypatch):
+    """R-hat of 64 walkers themselves is above 1.01 for 2 of these 20 sets of independent draws."""
+    problem = problem_of(BALL, still[0], ("start.omega",))
+    x = problem.parameters.coordinates({})
+    prior, random = prior_of(problem, x), np.random.default_rng(0)
+
+    def study_of(z):
+        made = z, z[..., 0], np.zeros(z.shape[:2]), np.ones(len(z))
+        monkeypatch.setitem(SAMPLERS, "given", ("numpy", lambda *more: [made]))
+        return draw(problem, WHITE, [x], prior, "given", 2, 1000, 1, ["rad s-1"] * 3)
+
+    for _ in range(20):
+        z = x + 0.1 * random.normal(size=(64, 31, 3))
+        assert study_of(z).attrs["converged"] == 1
+    z[5] = x + [0.0, 0.0, 0.25]  # one of 64, at 2.5 deviations
+    study = study_of(z)
+    assert study.attrs["converged"] == 0 and np.argmin(study.effective.values) == 2
+    z[5] = z[4]
+    z += 0.1 * np.linspace(-1.0, 1.0, 31)[:, None]  # all walkers still move away from their starts
+    assert study_of(z).r_hat.min() > 1.01
 
 
 def test_arviz_reads_what_the_command_writes(still, tmp_path, monkeypatch):
@@ -354,8 +407,12 @@ def test_arviz_reads_what_the_command_writes(still, tmp_path, monkeypatch):
     np.testing.assert_array_equal(
         read.posterior["start.omega.2"], drawn_of(study, "start.omega.2").reshape(study.lp.shape)
     )
-    measured = arviz.rhat(read.posterior)["start.omega.2"]
-    assert float(measured) == pytest.approx(float(study.r_hat.sel(quantity="start.omega.2")))
+    drawn = read.posterior["start.omega.2"].values
+    groups = drawn.reshape(4, 32, -1).swapaxes(1, 2).reshape(4, -1)  # 32 walkers of each chain
+    of_draws = study.sel(quantity="start.omega.2")
+    assert arviz.rhat(groups) == pytest.approx(float(of_draws.r_hat))
+    effective = min(arviz.ess(drawn), arviz.ess(drawn, method="tail"))
+    assert effective == pytest.approx(float(of_draws.effective))
     assert read.posterior["start.omega.2"].attrs["units"] == "rad s-1"
     np.testing.assert_array_equal(read.observed_data["data"], study.data)
     with xr.open_datatree("draws.nc") as tree:

@@ -117,7 +117,7 @@ class Density:
         residuals, jacobian = self.problem.jacobian(self._moved(z[None])[0][0])
         pull = -self.solved(residuals[:, None])[:, 0] @ jacobian
         slopes, steps = self.prior.slopes(z)[0], 1e-4 * np.eye(z.size)
-        rows, moments = jacobian @ slopes, np.ravel(self.prior.moments).astype(int)
+        rows, moments = jacobian @ slopes, self.prior.moments.ravel()
         ends = [[self.prior.slopes(z + side * step) for side in (-1, 1)] for step in steps]
         bent = [(a - b).T @ pull + c - d for (a, c), (b, d) in ends]
         found = rows.T @ self.solved(rows) + np.stack(bent) / 2e-4
@@ -196,14 +196,11 @@ def jumps(modes: Sequence[Mode]) -> Callable[[Array, Any], tuple[Array, Array]]:
     """Return a proposal of emcee: draws of t distributions around the modes."""
     share = np.maximum(np.exp([mode.weight - modes[0].weight for mode in modes]), RAREST)
     share /= share.sum()
+    ln = np.log(share) - [np.linalg.slogdet(mode.factor)[1] for mode in modes]
 
     def density(z: Array) -> Array:  # its logarithm, up to a constant
-        parts = [
-            np.log(one) - np.linalg.slogdet(mode.factor)[1]
-            - 0.5 * (TAIL + mode.z.size) * np.log1p(mode.apart(z) / TAIL)
-            for mode, one in zip(modes, share, strict=True)
-        ]  # fmt: skip
-        return np.asarray(np.logaddexp.reduce(parts, axis=0))
+        tails = np.log1p(np.stack([mode.apart(z) for mode in modes], axis=1) / TAIL)
+        return np.asarray(np.logaddexp.reduce(ln - 0.5 * (TAIL + z.shape[1]) * tails, axis=1))
 
     def propose(z: Array, random: Any) -> tuple[Array, Array]:
         normal = random.standard_normal(z.shape)
@@ -221,10 +218,20 @@ def by_emcee(
     """Yield (draws z (chains, draws, size), logarithm of their density and whether a trajectory
     diverges (chains, draws), share of accepted moves (chains,)) of an ensemble, each time after
     more moves. A walker is a chain."""
-    emcee, size = package("emcee"), density.prior.size
-    walkers = chains * max(WALKERS, size)
+    emcee, prior, size = package("emcee"), density.prior, density.prior.size
+    walkers, move = chains * max(WALKERS, size), emcee.moves.StretchMove()
     random, steps = np.random.RandomState(seed % 2**32), max(1, draws * chains // walkers)
-    moves = [(emcee.moves.StretchMove(), 0.5), (emcee.moves.MHMove(jumps(modes)), 0.5)]
+    is_log = np.isin(range(size), [*np.flatnonzero(prior.is_flat), *prior.moments.flat])
+
+    def stretch(z: Array, others: Sequence[Array], random: Any) -> tuple[Array, Array]:
+        at = np.exp(at := np.concatenate([z, *others]), at, where=is_log)
+        w, factor = plain(at[: len(z)], [at[len(z) :]], random)
+        inside = ((w > 0.0) | ~is_log).all(1, keepdims=True)
+        there = np.where(inside, np.log(w, np.array(w), where=is_log & inside), z)
+        return there, factor + (z - there)[:, is_log].sum(1)
+
+    plain, move.get_proposal = move.get_proposal, stretch  # of x and J: straight along a limit
+    moves = [(move, 0.5), (emcee.moves.MHMove(jumps(modes)), 0.5)]
     sampler = emcee.EnsembleSampler(walkers, size, density, moves=moves, vectorize=True)
     state = first_draws(modes, random, walkers)
     sampler.random_state = random.get_state()

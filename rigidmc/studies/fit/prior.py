@@ -53,13 +53,11 @@ class Prior:
 
         Raises OptionError where the readings leave more unknown than the size of the body.
         """
-        self.parameters, self.unit, self.size = parameters, shown.unit, parameters.size
-        rows = np.unique(parameters.places_of(MOMENTS), axis=0) if parameters.mixed else ()
-        self.moments: list[Any] = list(rows)
+        self.parameters, self.unit, self.moments = parameters, shown.unit, parameters.moments
         self.has_limit = np.isfinite(parameters.low) & ~np.isfinite(parameters.high)
         self.ln_sum: float | None = None
         if len(shown.unseen):
-            places = np.ravel(self.moments).astype(int)
+            places = self.moments.ravel()
             # not of coordinates: that of a second moment of 0 may do anything
             part = shown.unseen @ parameters.slopes(x)[places].T / parameters.values(x)[places]
             is_size = part.shape == (1, 3) and shown.shares[0, places].max() > TAKES_PART
@@ -67,8 +65,8 @@ class Prior:
                 lines = "; ".join(in_words(parameters, x, shown))
                 raise OptionError(f"{lines}. Draws would repeat the prior there", at="posterior")
             self.ln_sum = float(np.log(0.5 * parameters.nominal[MOMENTS].sum()))
-        self.pools, self.is_flat = list[Pool](), self.has_limit.copy()
-        self.is_flat[np.ravel(self.moments).astype(int)] = False
+        self.pools, self.is_flat, self.size = list[Pool](), self.has_limit.copy(), parameters.size
+        self.is_flat[self.moments] = False
         own = [c.name for c in parameters.columns if c.stream < 0 and not c.is_shared]
         own = [name for name in own if name != MOMENTS and not name.startswith("start.")]
         deviation = np.sqrt(np.diag(shown.inverse)) / np.diag(self.slopes(self.inverse(x))[0])
@@ -80,9 +78,8 @@ class Prior:
                 word = f"{name}.{k + 1}" if every.shape[1] > 1 else name
                 is_centred = deviation[places] < np.std(self.inverse(x)[places])
                 # of a number with a limit, x is its logarithm: 1 is a factor e, in any unit
-                scale = 1.0
-                if not self.has_limit[places[0]]:
-                    scale = float(np.maximum(np.abs(x[places]), deviation[places]).max())
+                scale = float(np.maximum(np.abs(x[places]), deviation[places]).max())
+                scale = 1.0 if self.has_limit[places[0]] else scale
                 self.pools.append(Pool(word, places, is_centred, self.size, self.size + 1, scale))
                 self.is_flat[places] = False
                 self.size += 2
@@ -115,8 +112,8 @@ class Prior:
         z, some = np.concatenate([x, np.zeros(self.size - x.size)]), np.flatnonzero(self.has_limit)
         inside = np.maximum(x - self.parameters.low, 0.1 * self.unit)
         z[some] = np.log(inside[some])
-        for places in self.moments:  # a body without thickness has a second moment of 0
-            z[places] = np.maximum(z[places], self.parameters.low[places] + 0.5 * EXTREME)
+        least = self.parameters.low[self.moments] + 0.5 * EXTREME
+        z[self.moments] = np.maximum(z[self.moments], least)  # a plate has a second moment of 0
         for pool in self.pools:
             each = z[pool.places]
             z[pool.mean], spread = each.mean(), max(float(each.std()), 1e-3 * pool.scale)
@@ -137,11 +134,8 @@ class Prior:
         for *some, last in self.moments:
             found += [(f"{names[i]}/{names[last]}", "") for i in some]
         for pool in self.pools:
-            like, is_relative = names[pool.places[0]], self.has_limit[pool.places[0]]
-            found += [
-                (f"{pool.name} mean", like),
-                (f"{pool.name} spread", "" if is_relative else like),
-            ]
+            like, own = names[pool.places[0]], self.has_limit[pool.places[0]]
+            found += [(f"{pool.name} mean", like), (f"{pool.name} spread", "" if own else like)]
         return found
 
     def quantities(self, z: Array) -> Array:
