@@ -120,10 +120,10 @@ def test_nothing_found_is_no_zero():
     gone = {i: {**one, "flagged": 0, "deep": False} for i in range(4)}
     designed, request = rare.design(spun(), "p(omega_max[3] >= 4)", 1e-9, 100, 4)
     designed = prepare_scene(designed)
-    died = describe(reduce(designed, request, gone, RareOptions()), designed.scene)
+    died = describe(reduce(designed, request, gone, RareOptions(), 1), designed.scene)
     assert float(died.p_high) > 3.0 / 400.0 and "came no nearer" in table(died)[2]
     gone[0] = {**gone[0], "p": 1e-3}
-    some = describe(reduce(designed, request, gone, RareOptions()), designed.scene)
+    some = describe(reduce(designed, request, gone, RareOptions(), 1), designed.scene)
     assert "3 of 4 repetitions found no path" in table(some)[2]
 
 
