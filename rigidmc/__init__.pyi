@@ -37,6 +37,7 @@ from rigidmc.physics.effects.gravity import Gravity as Gravity
 from rigidmc.physics.effects.gravity_gradient import GravityGradient as GravityGradient
 from rigidmc.physics.effects.pivot import MovingPivot as MovingPivot
 from rigidmc.physics.effects.potential import Potential as Potential
+from rigidmc.physics.effects.reaction_wheel import ReactionWheel as ReactionWheel
 from rigidmc.physics.effects.rotor import Rotor as Rotor
 from rigidmc.physics.effects.spring import Spring as Spring
 from rigidmc.physics.effects.torques import BodyTorque as BodyTorque

@@ -15,7 +15,7 @@ in your own file that use only these. docs/how_to/own_parts.md has an example of
 from typing import TYPE_CHECKING
 
 from rigidmc.physics.dynamics.body_axes import described, described_attitude
-from rigidmc.physics.dynamics.euler import scaled
+from rigidmc.physics.dynamics.euler import angular_velocity, scaled
 from rigidmc.physics.dynamics.methods import OFF, ON, flag
 from rigidmc.physics.dynamics.so3 import (
     add,
@@ -60,11 +60,12 @@ from rigidmc.scene.vector_distributions.protocol import VectorDistribution, numb
 
 __all__ = [
     "OFF", "ON", "Effect", "Event", "EventRecord", "Integrator", "Number", "Observable", "Running",
-    "Vector", "VectorDistribution", "add", "arctan2", "axpy", "axpy4", "conjugate", "cross",
-    "described", "described_attitude", "difference", "dot", "effect", "event", "exponential",
-    "flag", "into_body", "linear_combination", "logical_not", "maximum", "minimum", "multiply",
-    "normalised", "number", "numbers", "observable", "root", "running", "sample", "scale", "scaled",
-    "select", "select_all", "sincos", "spin", "state_rates", "symmetric_times", "vertical",
+    "Vector", "VectorDistribution", "add", "angular_velocity", "arctan2", "axpy", "axpy4",
+    "conjugate", "cross", "described", "described_attitude", "difference", "dot", "effect", "event",
+    "exponential", "flag", "into_body", "linear_combination", "logical_not", "maximum", "minimum",
+    "multiply", "normalised", "number", "numbers", "observable", "root", "running", "sample",
+    "scale", "scaled", "select", "select_all", "sincos", "spin", "state_rates", "symmetric_times",
+    "vertical",
 ]  # fmt: skip
 
 # {earlier name: current name}, until 1.0

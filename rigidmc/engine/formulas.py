@@ -35,7 +35,8 @@ from rigidmc.engine.inspection import compilation_error, refuse_uncompilable
 from rigidmc.engine.machine import threads_available
 from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties, scaled
 from rigidmc.physics.dynamics.methods import method
-from rigidmc.physics.dynamics.so3 import first_three
+from rigidmc.physics.dynamics.so3 import first_three, left_after
+from rigidmc.physics.effects.present import in_state, states_of
 from rigidmc.physics.effects.protocol import blank, numbers
 from rigidmc.physics.effects.sums import corrected_by_work, state_rates, total_energy, total_torque
 from rigidmc.physics.integrators.protocol import step
@@ -246,7 +247,7 @@ class RatesOfChange(NamedTuple):
     effects, observables, running : in compiled form
     untracked : of the effects whose works are saved, as in `rigidmc.physics.effects.sums`
     start : (E, 1/scale of E, |L|^2, 1/|L|^2) at t = 0
-    l : L, followed by the works
+    l : L, followed by the states of effects and the works
     """
 
     body: MassProperties
@@ -266,10 +267,10 @@ class RatesOfChange(NamedTuple):
             scaled(self.body, second), self.effects, self.body, self.t, second, self.q, self.l
         )
         t, q, l = moving(self.t, second), moving_each(self.q, dq), moving_each(self.l, dl)
-        works, l = l[3:], first_three(l)
-        start = corrected_by_work(self.start, self.untracked, works)
-        readings = observe_all(self.observables, self.body, self.effects, t, q, l, start, works)
-        states = begin_all(self.running, self.body, self.effects, t, q, l)
+        works, effects = left_after(states_of(self.effects), l[3:]), in_state(self.effects, l[3:])
+        l, start = first_three(l), corrected_by_work(self.start, self.untracked, works)
+        readings = observe_all(self.observables, self.body, effects, t, q, l, start, works)
+        states = begin_all(self.running, self.body, effects, t, q, l)
         return changes_of(readings) + first_values(states) + changes_of(states)
 
 

@@ -37,16 +37,16 @@ from rigidmc.engine.kernel.block import TRACE, advance
 from rigidmc.engine.kernel.events import TRIES, refine_event
 from rigidmc.engine.kernel.growth import begin_growth, record_growth
 from rigidmc.engine.kernel.march import march
+from rigidmc.engine.kernel.samples import take_samples
 from rigidmc.engine.machine import LINE, allocate_aligned, vector_bits
 from rigidmc.engine.program_spec import Derivatives, ProgramSpec
 from rigidmc.physics.dynamics.methods import flag, implements, static_count
 from rigidmc.physics.effects import label_effects
-from rigidmc.physics.effects.protocol import takes_noise
+from rigidmc.physics.effects.protocol import has_memory, takes_noise
 from rigidmc.physics.integrators.protocol import changes_state_form, interleaving, stepping_form
 from rigidmc.physics.observables.protocol import size
 from rigidmc.processes.threads import Late, is_late
 
-TRACE_ROWS = 7 * (TRACE + 1)  # the states before and after each of TRACE steps
 NO_NOISE = NoiseKeys(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), np.zeros(0, np.int64))
 NO_SAVES = SaveTarget(np.empty(0), 0, 0, np.empty(0, np.int64))
 CALL = 3_000_000  # member-steps per call: 10 to 60 ms at 50 to 300 M/s on two threads
@@ -73,10 +73,11 @@ class Program:
         self.lanes = 1 if spec.is_scalar() else lanes or by_default
         self.substeps = np.ascontiguousarray(spec.scheme.substeps, dtype=float).ravel()
 
-        marks, works = [len(m) for _, m in spec.running], len(spec.works)
+        marks, trailing = [len(m) for _, m in spec.running], spec.trailing
         growth, events = len(spec.growth), len(spec.events)
         parameters = tree_size(spec.effects)
-        rows = layout.map_rows(parameters, works, events, marks, bool(growth), spec.axes)
+        tail = len(layout.tail_of(tuple(spec.effects)))
+        rows = layout.map_rows(parameters, trailing, events, marks, bool(growth), spec.axes, tail)
         self.rows = rows.end
         self.deferred = flag(spec.nodes == 1 and all_merge(spec.running))
         self.kept = TRACE * sum(marks) if self.deferred else 0
@@ -91,9 +92,9 @@ class Program:
         random, integrator = any(map(takes_noise, spec.effects)), spec.scheme.integrator
         self.shape = KernelShape(
             lanes=self.lanes,
-            values=sum(size(o.dims, works) for o in spec.observables),
-            work_row=rows.in_state(rows.works),
-            works=works,
+            values=sum(size(o.dims, len(spec.works)) for o in spec.observables),
+            row_after=rows.in_state(rows.trailing),
+            trailing=trailing,
             monitor_row=layout.MEMBER_ROWS + rows.events,
             axes_row=layout.MEMBER_ROWS + rows.axes,
             growth_row=layout.MEMBER_ROWS + rows.growth,
@@ -103,14 +104,15 @@ class Program:
             growth=growth,
             records=2 * events,
             tries=0 if random else TRIES,
-            is_random=int(random),
+            is_random=int(random or any(map(has_memory, spec.effects))),
             changes_length=int(spec.shortens and changes_state_form(integrator)),
+            sampling=sum(map(has_memory, spec.effects)),
             reweighs=int(spec.shortens and bool(spec.running)),
             tangents=self.tangents.of_each,
             passes=derivatives.passes,
             tangents_in_state=self.moving.in_state,
             tangents_in_work=self.moving.in_work,
-            parking=TRACE_ROWS + self.moving.of_each * self.moving.in_trace,
+            parking=self.trace_rows + self.moving.of_each * self.moving.in_trace,
         )
         self.kernel_keys = self._make_keys()
         if not ask:
@@ -157,19 +159,34 @@ class Program:
             begun = effects, events, running, axes
             table["begin_monitors"] = key(monitoring.begin_monitors, begun)
             dense, registers = static_count(min(shape.nodes, 2)), static_count(shape.monitors)
-            steps = form, effects, events, running, dense, axes, self.deferred, registers
+            steps = (
+                form,
+                effects,
+                events,
+                running,
+                dense,
+                axes,
+                self.deferred,
+                registers,
+                static_count(len(works)),
+            )
             table["monitor_steps"] = key(monitoring.monitor_steps, steps)
         if events:
             differentiated = flag(dual.of_each > 0)
-            table["refine_event"] = key(refine_event, (form, effects, events, axes, differentiated))
+            refined = form, effects, events, axes, differentiated, static_count(len(works))
+            table["refine_event"] = key(refine_event, refined)
         if spec.growth:
             table["begin_growth"] = key(begin_growth, (form, effects), growing)
             table["record_growth"] = key(record_growth, (form, effects), growing)
+        if shape.sampling:
+            noisy = static_count(sum(map(takes_noise, effects)))
+            sampled = form, effects, compensated, works, noisy
+            table["take_samples"] = key(take_samples, sampled)
         if shape.changes_length:
             changed = form, effects, compensated, works
             table["change_length"] = key(last_interval.change_length, changed, moving)
         if shape.reweighs:
-            table["reweigh"] = key(last_interval.reweigh, (events, running))
+            table["reweigh"] = key(last_interval.reweigh, (effects, events, running))
         each = {name: table.get(name) for name in KernelTable._fields}
         return {**each, "advance": advance_key(self.dtype)}
 
@@ -204,6 +221,12 @@ class Program:
                     meanwhile()
             for name in theirs:  # from the disk cache
                 compile_kernel(keys[name])
+
+    @property
+    def trace_rows(self) -> int:
+        """Rows of a trace: the states before and after each of TRACE steps."""
+        rows: int = layout.traced(tuple(self.effects))
+        return rows * (TRACE + 1)
 
     @property
     def copies(self) -> int:
@@ -297,7 +320,7 @@ class Program:
         return {
             "state": layout.BODY_AT + rows - layout.BODY,
             "work": layout.MEMBER_ROWS + rows,
-            "trace": TRACE_ROWS,
+            "trace": self.trace_rows,
             "kept": max(1, self.kept),
         }
 
@@ -310,7 +333,7 @@ class Program:
         state, work, trace, kept = (
             counts[name] + count * getattr(self.moving, f"in_{name}") for name in counts
         )
-        parked = (1 + count) * (layout.START + self.shape.works)
+        parked = (1 + count) * (layout.START + self.shape.trailing)
         return {
             "state": (state, self.dtype),
             "spare_state": (state, self.dtype),

@@ -10,6 +10,7 @@ from rigidmc.engine.compiler.frozen import frozen
 from rigidmc.engine.compiler.kernels import config
 from rigidmc.engine.inspection import scalar_parts
 from rigidmc.physics.dynamics.methods import OFF, Flag, implements
+from rigidmc.physics.effects.present import memories_of, states_of
 from rigidmc.physics.integrators.protocol import StepScheme, has_extra_state
 
 
@@ -80,6 +81,12 @@ class ProgramSpec(NamedTuple):
     shortens: bool = False
     axes: bool = False
     derivatives: Derivatives = NO_DERIVATIVES
+
+    @property
+    def trailing(self) -> int:
+        """How many numbers follow L: states of effects, saved works and memories."""
+        effects = tuple(self.effects)
+        return len(states_of(effects)) + len(self.works) + len(memories_of(effects))
 
     def settled(self) -> "ProgramSpec":
         """Return it with tuples of frozen classes, and with the integrator that is compiled."""

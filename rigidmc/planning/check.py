@@ -1,6 +1,7 @@
 """Reject scenes that cannot run: refused torques, impossible bodies, missing members, observables
 that conflict with the other settings."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from rigidmc.physics.dynamics.methods import implements
 from rigidmc.physics.effects import label_effects, name_of
 from rigidmc.physics.effects.bath import Bath
 from rigidmc.physics.effects.gravity_gradient import GravityGradient
-from rigidmc.physics.effects.protocol import Effect, facts, is_random, shape
+from rigidmc.physics.effects.protocol import Effect, facts, has_memory, has_state, is_random, shape
 from rigidmc.physics.integrators import refusal
 from rigidmc.physics.observables import OUTCOMES, is_own, outputs
 from rigidmc.physics.observables.protocol import DIMENSIONS, EnsembleObservable, Growth, Running
@@ -71,7 +72,7 @@ def check_scene(scene: Scene, recording: Recording) -> None:
         )
         if refused:
             raise SceneError(refused, at="run.integrator", value=run.integrator)
-    if rule := _not_monitored(run, recording):
+    if rule := _not_monitored(run, model.effects, recording):
         labels = ", ".join(label for label, _ in recording.monitored)
         raise SceneError(rule, at="run.save", value=labels)
     _check_points(model, run)
@@ -276,7 +277,7 @@ def _check_variables(run: Run, recording: Recording) -> None:
             taken.add(name)
 
 
-def _not_monitored(run: Run, recording: Recording) -> str:
+def _not_monitored(run: Run, effects: Sequence[Any], recording: Recording) -> str:
     """Return why observables over all steps conflict with the run settings, or "" if they fit."""
     observables = [kind for _, kind in recording.monitored]
     stops = [kind for kind in observables if kind.stop]
@@ -292,6 +293,8 @@ def _not_monitored(run: Run, recording: Recording) -> str:
             "the work of a member is lost when an event stops it: save work without stop, or stop"
             " without saving work"
         )
+    if stops and any(has_state(e) or has_memory(e) for e in effects):
+        return "an event cannot stop a member whose effects have numbers that move with it"
     if not any(isinstance(kind, Growth) for kind in observables):
         return ""
     if stops:

@@ -23,8 +23,9 @@ from rigidmc.physics.dynamics.euler import BODY_NUMBERS, MassProperties
 from rigidmc.physics.dynamics.methods import Flag, flag, implements
 from rigidmc.physics.dynamics.so3 import conjugate, multiply
 from rigidmc.physics.effects import label_effects, shared_parameters
+from rigidmc.physics.effects.present import memories_of, states_of
+from rigidmc.physics.effects.protocol import blank, has_memory, parameter_count, shape, takes_noise
 from rigidmc.physics.effects.protocol import facts as effect_facts
-from rigidmc.physics.effects.protocol import parameter_count, shape, takes_noise
 from rigidmc.physics.effects.sums import total_energy_scale
 from rigidmc.planning.orbit_start import (
     from_orbit,
@@ -67,8 +68,13 @@ Source = int | AntitheticPairs | FamilyDesign | FixedPoints | PointSequence | Di
 
 def block_rows(effects: Sequence[Any], has_work: bool) -> int:
     """Return how many rows a block has, excluding rows for monitors."""
-    works = len(effects) if has_work else 0
-    return layout.map_rows(parameter_count(*effects), works).end
+    return layout.map_rows(parameter_count(*effects), trailing_count(effects, has_work)).end
+
+
+def trailing_count(effects: Sequence[Any], has_work: bool) -> int:
+    """Return how many numbers follow L: states of effects, saved works and memories."""
+    known = blank(effects)
+    return len(states_of(known)) + len(memories_of(known)) + (len(effects) if has_work else 0)
 
 
 def initial_block(
@@ -376,11 +382,17 @@ def work_flags(effects: Sequence[Any], has_work: bool) -> tuple[Flag, ...]:
 
 
 def noise_keys(effects: Sequence[Any], seed: int, members: Ints) -> NoiseKeys:
-    """Return the keys of the noise of random effects, for members by their indices."""
+    """Return the keys of the noise of random effects, then of samples, for members by their
+    indices."""
     streams = [
         stream_of(f"effects.{label}.noise")
         for label, effect in label_effects(effects)
         if takes_noise(effect)
+    ]
+    streams += [
+        stream_of(f"effects.{label}.sample")
+        for label, effect in label_effects(effects)
+        if has_memory(effect)
     ]
     key, other = key_of(seed)
     return NoiseKeys(key, other, np.array(streams or [0], np.uint64), members)

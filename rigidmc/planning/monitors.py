@@ -8,13 +8,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.engine.kernel import layout
-from rigidmc.engine.kernel.layout import EVENT_ROWS, RECORDED, STATUSES, SUMS, RowMap, monitor_rows
+from rigidmc.engine.kernel.layout import (
+    EVENT_ROWS,
+    RECORDED,
+    STATUSES,
+    SUMS,
+    RowMap,
+    monitor_rows,
+    tail_of,
+)
 from rigidmc.engine.kernel.layout import map_rows as places_for
 from rigidmc.inputs.arrays import Array, Bools
 from rigidmc.physics.dynamics.dual_arrays import DualArray, plain
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import OFF, Flag, argument_names, depends, flag, static_count
-from rigidmc.physics.effects.protocol import is_random, parameter_count
+from rigidmc.physics.effects.protocol import DECIDING, blank, is_random, parameter_count
 from rigidmc.physics.observables import bind, dimensions, outputs
 from rigidmc.physics.observables.compiled import (
     armed,
@@ -34,6 +42,7 @@ from rigidmc.physics.observables.protocol import (
     Running,
 )
 from rigidmc.physics.observables.saving import FOLLOWED, event_times, results_of, with_derivatives
+from rigidmc.planning.initial import trailing_count
 from rigidmc.planning.steps import Clock
 from rigidmc.scene.model import Model
 from rigidmc.scene.quantities import count_rows, is_variable
@@ -142,14 +151,15 @@ def places_of(effects: Sequence[Any], has_work: bool, monitors: Monitors, has_ax
 
     has_axes : whether observables are of axes other than the principal axes
     """
-    works = len(effects) if has_work else 0
+    trailing = trailing_count(effects, has_work)
     marks = [len(numbers) for _, numbers in monitors.running]
     events, growth = len(monitors.events), bool(monitors.growth)
-    return places_for(parameter_count(*effects), works, events, marks, growth, has_axes)
+    tail = len(tail_of(blank(effects)))
+    return places_for(parameter_count(*effects), trailing, events, marks, growth, has_axes, tail)
 
 
 def _needs_attitude(effects: Sequence[Any], recording: Recording, monitors: Monitors) -> bool:
-    if any("q" in argument_names(e, "torque", "kick", "energy") for e in effects):
+    if any("q" in argument_names(e, *DECIDING) for e in effects):
         return True
     if monitors.growth:  # the tangent is of attitude and momentum
         return True

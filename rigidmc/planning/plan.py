@@ -15,7 +15,7 @@ from rigidmc.errors import SceneError
 from rigidmc.inputs.arrays import Array, Ints
 from rigidmc.physics.dynamics.methods import Flag, implements
 from rigidmc.physics.effects import label_effects
-from rigidmc.physics.effects.protocol import facts, is_conservative
+from rigidmc.physics.effects.protocol import facts, has_memory, is_conservative
 from rigidmc.physics.integrators import StepScheme, keeps_remainders
 from rigidmc.physics.integrators.protocol import Integrator, has_extra_state
 from rigidmc.physics.integrators.splitting import ScoredLangevin
@@ -109,9 +109,10 @@ class Plan(NamedTuple):
         return self.places.axes < self.places.end
 
     @property
-    def has_switches(self) -> bool:
+    def has_cuts(self) -> bool:
         """Whether effects cut steps."""
-        return bool(switching_parameters(self.model.effects))
+        effects = self.model.effects
+        return bool(switching_parameters(effects)) or any(map(has_memory, effects))
 
     @property
     def columns(self) -> int:

@@ -19,7 +19,7 @@ from rigidmc.engine.kernel import layout
 from rigidmc.errors import SceneError
 from rigidmc.inputs.arrays import Array
 from rigidmc.physics.dynamics.methods import argument_names
-from rigidmc.physics.effects.protocol import facts
+from rigidmc.physics.effects.protocol import DECIDING, facts
 from rigidmc.physics.effects.rotor import Rotor
 from rigidmc.physics.observables import value_rows
 from rigidmc.planning.initial import make_pilot, make_sampler
@@ -85,7 +85,7 @@ def drive(model: Model, run: Run, rotor: Array | None = None) -> Drive:
             frequency = max([frequency, *map(_largest, driven)])
         if isinstance(effect, Rotor):
             held = held + np.stack(np.broadcast_arrays(*effect.momentum))
-    turned = any("q" in argument_names(e, "torque", "kick", "energy") for e in effects)
+    turned = any("q" in argument_names(e, *DECIDING) for e in effects)
     swing = _swing(body, filled, inverse) if turned else 0.0
     return Drive(turned, swing, frequency, held if rotor is None else rotor)
 

@@ -111,7 +111,7 @@ def make_program(
             plan.scheme, blank(effects), tuple(plan.recording.recorded.values()),
             plan.has_attitude, plan.compensated, plan.run.dtype, plan.limits, plan.works, events,
             running, growth, plan.nodes, plan.paired,
-            plan.grid.is_shortened or plan.has_switches, plan.has_axes, derivatives,
+            plan.grid.is_shortened or plan.has_cuts, plan.has_axes, derivatives,
         )  # fmt: skip
         program: Program = kind(spec, ask=not compiled, meanwhile=_import_xarray)
         return program

@@ -168,8 +168,7 @@ def steps_of(plan: Plan, slots: int) -> StepRange:
         last_h=grid.last_dt,
         save_steps=listed,
         save_count=listed.size,
-        cuts=cut_rows(plan.model.effects, grid.clock, grid.steps, plan.has_member_steps),
-    )
+    ).cut(cut_rows(plan.model.effects, grid.clock, grid.steps, plan.has_member_steps))
 
 
 def _reorder(rows: Array, order: Ints) -> None:
@@ -335,11 +334,12 @@ def _rates(plan: Plan, rows: Array, values: int) -> tuple[Array, Array, Array]:
     )
     columns = [
         *rows[layout.BODY : layout.EFFECTS], *(x for part in axes for x in part),
-        *rows[places.effects : places.works], *tree_flatten(fixed), *start, plan.grid.end, *state,
-        *rows[places.works : places.good_works],
+        *rows[places.effects : places.trailing], *tree_flatten(fixed), *start, plan.grid.end,
+        *state,
+        *rows[places.trailing : places.good_trailing],
     ]  # fmt: skip
     body = with_axes(_BODY, (0.0,) * 4 if plan.has_axes else ())
-    momentum = (0.0,) * (3 + places.good_works - places.works)
+    momentum = (0.0,) * (3 + places.good_trailing - places.trailing)
     formula = RatesOfChange(body, blank(effects), *fixed, (0.0,) * 4, 0.0, (0.0,) * 4, momentum)
     marks = sum(len(marks) for _, marks in plan.monitors.running)
     width = values + 2 * marks

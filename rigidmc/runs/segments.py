@@ -76,7 +76,7 @@ class SegmentedRun:
         grid, effects = plan.grid, plan.model.effects
         lengths = grid.head, grid.last_dt
         cuts = cut_rows(effects, grid.clock, grid.steps, False)
-        run = StepRange(grid.dt, 1, grid.stride, grid.steps, 0, first, last, *lengths, cuts=cuts)
+        run = StepRange(grid.dt, 1, grid.stride, grid.steps, 0, first, last, *lengths).cut(cuts)
         size, end = max(SHARE, whole_lanes(-(-count // self._threads))), end_of_work()
 
         def advance(low: int) -> Array:

@@ -20,6 +20,7 @@ from numba.core import types
 from numba.core.errors import NumbaError as NumbaError  # for callers of `innermost_cause`
 from numba.core.typing.templates import AbstractTemplate, fold_arguments
 
+import rigidmc.engine.compiler.present  # registers intrinsics before plain functions are inlined
 import rigidmc.physics.effects.protocol
 import rigidmc.physics.integrators.protocol
 import rigidmc.physics.observables.protocol  # noqa: F401  (imported so that METHODS is complete)

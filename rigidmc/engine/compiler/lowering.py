@@ -226,7 +226,8 @@ def _type_of(code: Any, arguments: tuple[Any, ...], value: Any) -> Any:
     if value.op == "getattr":
         fields = getattr(owner, "fields", ())
         return tuple(owner)[fields.index(value.attr)] if value.attr in fields else None
-    index = getattr(defined(value.index), "value", None)
+    place = defined(value.index)
+    index = None if isinstance(place, ir.Expr) else getattr(place, "value", None)  # or a slice
     return tuple(owner)[index] if isinstance(owner, _TUPLE) and type(index) is int else None
 
 

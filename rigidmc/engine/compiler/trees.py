@@ -104,10 +104,7 @@ def _read(part: Any, rows: Any, *arguments: Any) -> tuple[Any, Callable[..., Any
         each = [kind_of(x) for x in nested]
         if not isinstance(nested, _NamedTuple):
             return types.Tuple(each)
-        # As in Numba's own `typeof`: tuples with nested type of number are another class of types.
-        if each and all(x == each[0] for x in each):
-            return types.NamedUniTuple(each[0], len(each), nested.instance_class)
-        return types.NamedTuple(each, nested.instance_class)
+        return named_tuple(each, nested.instance_class)
 
     def generate(context: Any, builder: Any, sig: Any, values: Any) -> Any:
         memory = values[sig.args.index(rows)]
@@ -123,6 +120,14 @@ def _read(part: Any, rows: Any, *arguments: Any) -> tuple[Any, Callable[..., Any
         return like(part)
 
     return kind_of(part)(*arguments), generate
+
+
+def named_tuple(each: Any, cls: type) -> Any:
+    """Return the type of a NamedTuple with fields of these types."""
+    # As in Numba's own `typeof`: tuples with one type of number are another class of types.
+    if each and all(x == each[0] for x in each):
+        return types.NamedUniTuple(each[0], len(each), cls)
+    return types.NamedTuple(each, cls)
 
 
 def tree_size(part):

@@ -152,8 +152,12 @@ def _of_class(cls: Any) -> Words:
         yield f"{name}.{parameter.name}", f"{parameter.name} {parameter.kind} {empty}"
         if not empty:
             yield from words_of_value(parameter.default, f"{name}.{parameter.name}")
-    # the one fact that is compiled, see `rigidmc.physics.effects.protocol.takes_noise`
-    yield from words_of_value(getattr(cls, "is_random", False), f"{name}.is_random")
+    # the facts that are compiled: `rigidmc.physics.effects.protocol.takes_noise`, and what
+    # `rigidmc.physics.effects.present` reads
+    for fact in ("is_random", "state", "memory", "shapes", "commands"):
+        value = getattr(cls, fact, False)
+        plain = tuple(sorted(value.items())) if isinstance(value, dict) else value
+        yield from words_of_value(plain, f"{name}.{fact}")
     for method, function in methods_of(cls).items():
         what = f"{name}.{method}"
         yield what, f"method {method}"

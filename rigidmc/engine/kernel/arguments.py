@@ -11,6 +11,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigidmc.engine.compiler.kernels import CompiledFunction
 
@@ -19,8 +20,18 @@ Memory = Any  # an array, or its address on a GPU
 
 NO_STEP = 2**62  # a step number beyond every run
 NO_SAVE_STEPS = np.empty(0, np.int64)
-CUT_ROWS = 3  # numbers of a part of a cut step
-NO_CUTS = np.array([[1e300, 0.0, 0.0]])  # a row beyond every step, which ends the rows of all runs
+CUT_ROWS = 3  # numbers of a part of a cut step; numbers of its samples follow
+
+
+def no_cuts(sampling: int) -> NDArray[np.float64]:
+    """Return the row beyond every step that ends the cuts of all runs.
+
+    sampling : number of effects with a memory
+    """
+    return np.array([[1e300, 0.0, 0.0] + [-1.0] * (1 + sampling if sampling else 0)])
+
+
+NO_CUTS = no_cuts(0)
 
 
 class KernelTable(NamedTuple):
@@ -32,6 +43,7 @@ class KernelTable(NamedTuple):
     refine_event : `rigidmc.engine.kernel.events`
     begin_growth, record_growth : `rigidmc.engine.kernel.growth`
     change_length, reweigh : `rigidmc.engine.kernel.last_interval`
+    take_samples : `rigidmc.engine.kernel.samples`
     """
 
     gather: CompiledFunction
@@ -47,6 +59,7 @@ class KernelTable(NamedTuple):
     record_growth: CompiledFunction
     change_length: CompiledFunction
     reweigh: CompiledFunction
+    take_samples: CompiledFunction
 
 
 class KernelShape(NamedTuple):
@@ -54,7 +67,7 @@ class KernelShape(NamedTuple):
 
     lanes : members worked on at the same time
     values : numbers of a save
-    work_row, works : the first row of the works in `state`, and the number of saved works
+    row_after, trailing : the first row in `state` of the numbers after L, and their number
     monitor_row, axes_row, growth_row : the first row of monitors, of axes and of growth in `work`
     monitors, growth : groups of members that are monitored one after the other, 0 if steps are not
         monitored, and whether the growth of a tangent is recorded
@@ -68,13 +81,14 @@ class KernelShape(NamedTuple):
         passes through the steps
     tangents_in_state, tangents_in_work : vectors from a number to its first derivative, see
         `rigidmc.engine.compiler.memory.DualRows`
+    sampling : number of effects with a memory
     parking : the row of the trace from which on the states of finished members are kept
     """
 
     lanes: int
     values: int
-    work_row: int
-    works: int
+    row_after: int
+    trailing: int
     monitor_row: int
     axes_row: int
     growth_row: int
@@ -90,6 +104,7 @@ class KernelShape(NamedTuple):
     passes: int
     tangents_in_state: int
     tangents_in_work: int
+    sampling: int
     parking: int
 
 
@@ -103,7 +118,8 @@ class StepRange(NamedTuple):
     head, last_h : the step after which h is `last_h`, see `rigidmc.engine.kernel.last_interval`
     save_steps, save_count : with a stride of 0, the steps that end at a save, from 0 to the last,
         and their number
-    cuts : parts of steps, or of rounds, that effects cut, see `rigidmc.planning.switches`
+    cuts, cut_count : parts of steps, or of rounds, that effects cut, and their number, see
+        `rigidmc.planning.switches`
     """
 
     h: float
@@ -118,6 +134,11 @@ class StepRange(NamedTuple):
     save_steps: Memory = NO_SAVE_STEPS
     save_count: int = 0
     cuts: Memory = NO_CUTS
+    cut_count: int = 0
+
+    def cut(self, rows: NDArray[np.float64]) -> "StepRange":
+        """Return it with parts of steps; rows : of `rigidmc.planning.switches.cut_rows`."""
+        return self._replace(cuts=rows, cut_count=len(rows) - 1)
 
     def whole(self, step: int) -> int:
         """Return the step, or the end of its round if that is made in parts."""
@@ -197,7 +218,7 @@ class Workspace(NamedTuple):
 
 # Names of the arguments of kernels by letters of a KernelKey; all other arguments are integers.
 _NAMES = {
-    "p": ("block", "out", "substeps"),
+    "p": ("block", "out", "substeps", "cuts"),
     "s": ("state", "spare_state"),
     "w": ("work", "spare_work"),
     "t": ("trace",),

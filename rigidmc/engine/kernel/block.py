@@ -127,15 +127,17 @@ def make_cut_steps(frame, cut, now, idle):
 
     Return the row after these parts.
     """
-    rows, own = memory(frame.cuts, frame.h), frame.member_steps
+    rows, own, width = memory(frame.cuts, frame.h), frame.member_steps, cut_width(frame)
     work = transfer.block_memory(frame).work
     first, last = (0, frame.slots) if own != 0 else (now, now + 1)
     h = frame.h if now < frame.head else frame.last_h
     round_start = work[layout.ROUND_START * frame.lanes]
     begun, length, part = first * 1.0, h, 0
     while step_of_cut(frame, cut) == now:
-        new, begins = rows[CUT_ROWS * cut + 1], rows[CUT_ROWS * cut + 2]
+        new, begins = rows[width * cut + 1], rows[width * cut + 2]
         change_steps(frame, begun, first * 1.0, (length, new), begins)
+        if frame.sampling != 0:
+            sample_members(frame, first, width * cut + CUT_ROWS)
         if not idle:
             make_steps(frame, now if own != 0 else 0, first, last, part)
         begun, length, part, cut = last * 1.0, new, part + 1, cut + 1
@@ -145,17 +147,38 @@ def make_cut_steps(frame, cut, now, idle):
 
 def next_cut(frame, now):
     """Return the first row of parts of a step from `now` on."""
-    cut = 0
-    while step_of_cut(frame, cut) < now:
-        cut += 1
-    return cut
+    low, high = 0, frame.cut_count
+    while low < high:
+        middle = (low + high) // 2
+        if step_of_cut(frame, middle) >= now:
+            high = middle
+        else:
+            low = middle + 1
+    return low
 
 
 def step_of_cut(frame, cut):
     """Return the step before the part in a row; NO_STEP after the last row."""
     # the row beyond all others has 1e300, which no integer holds: its conversion is undefined
-    unit = memory(frame.cuts, frame.h)[CUT_ROWS * cut]
+    unit = memory(frame.cuts, frame.h)[cut_width(frame) * cut]
     return np.int64(unit) * frame.slots if unit < 1e18 else NO_STEP
+
+
+def cut_width(frame):
+    """Return how many numbers the row of a part has."""
+    return CUT_ROWS + 1 + frame.sampling if frame.sampling != 0 else CUT_ROWS
+
+
+def sample_members(frame, slot, place):
+    """Let effects sample at the begin of a part, whose samples are from cuts[place] on; the time is
+    -1 if there are none."""
+    cuts, flat = memory(frame.cuts, frame.h), transfer.block_memory(frame)
+    if cuts[place] >= 0.0:
+        arguments = (
+            flat.substeps, flat.state, flat.work, slot * 1.0, cuts, place, frame.key,
+            frame.second_key, memory(frame.streams, frame.key),
+        )  # fmt: skip
+        call_address(frame.take_samples, arguments)
 
 
 def first_round(frame):

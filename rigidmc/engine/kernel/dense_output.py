@@ -42,6 +42,9 @@ class Step(NamedTuple):
 
     t, q, l : time, attitude and momentum at its end
     p, m : attitude and momentum at its start
+    tails : rows of the tails of records, see `rigidmc.engine.kernel.layout.tail_of`
+
+    States of effects follow the momenta.
     """
 
     body: Any
@@ -52,6 +55,7 @@ class Step(NamedTuple):
     l: Any
     p: Any
     m: Any
+    tails: Any
 
 
 def start_of_step(step):

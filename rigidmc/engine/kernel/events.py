@@ -20,12 +20,13 @@ import sys
 from rigidmc.engine.compiler import derivatives
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import any_of, in_precision
-from rigidmc.engine.compiler.memory import four_at, put_rows, shifted, without_tangents
-from rigidmc.engine.compiler.trees import tree_unflatten, tree_unpack
+from rigidmc.engine.compiler.memory import four_at, put_rows, shifted, tuple_at, without_tangents
+from rigidmc.engine.compiler.trees import tree_size, tree_unflatten, tree_unpack
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.dense_output import interpolate, make_interpolant, time_within
 from rigidmc.physics.dynamics.euler import scaled
-from rigidmc.physics.dynamics.so3 import logical_not, select, select_all
+from rigidmc.physics.dynamics.so3 import concat, first_three, logical_not, select, select_all, taken
+from rigidmc.physics.effects.present import in_memory, in_state, memories_of, states_of
 from rigidmc.physics.effects.sums import state_rates
 from rigidmc.physics.integrators.protocol import from_stepping, to_stepping
 from rigidmc.physics.observables.compiled import armed, counts_at_start, dwell, is_terminal, level
@@ -35,10 +36,12 @@ from rigidmc.physics.observables.compiled import armed, counts_at_start, dwell, 
 TRIES = 8
 
 
-def begin_events(events, body, effects, t, q, l, rows):
+def begin_events(events, body, effects, t, q, l, rows, tails):
     """Set the rows of events at the start, where an event may count as happened."""
     if len(events) == 0:
         return 0
+    tail = layout.tail_of(effects)
+    put_rows(tail + tail, tails, 0)
     now = level(events[0], body, effects, t, q, l)
     count, since = start_counts(events[0], counts_at_start(events[0], now), t)
     # `now != now` is False as a mask of this width: the event was armed in no earlier step.
@@ -46,7 +49,9 @@ def begin_events(events, body, effects, t, q, l, rows):
     put_rows((first, count, t, t, since, t, t), rows, layout.LEVEL)  # and the rows up to TIMES
     noted = (t, 0.0, now, 0.0, now) + q + l
     put_rows(noted + noted, rows, layout.RECORDS)
-    return begin_events(events[1:], body, effects, t, q, l, following(rows))
+    return begin_events(
+        events[1:], body, effects, t, q, l, following(rows), tails_after(tails, effects)
+    )
 
 
 def following(rows):
@@ -73,7 +78,7 @@ def levels_of(events, body, effects, t, q, l):
     """Return the levels of events in a state."""
     if len(events) == 0:
         return ()
-    first = level(events[0], body, effects, t, q, l)
+    first = level(events[0], body, in_state(effects, l[3:]), t, q, first_three(l))
     return (first,) + levels_of(events[1:], body, effects, t, q, l)
 
 
@@ -98,7 +103,7 @@ def rearm(events, moves, body, q, l, before, now):
     if len(events) == 0:
         return ()
     still = (before[0] != 0.0) & logical_not(has_happened(before[0], now[0]))
-    new = select(armed(events[0], body, q, l, now[0], still), now[0], 0.0)
+    new = select(armed(events[0], body, q, first_three(l), now[0], still), now[0], 0.0)
     rest = rearm(events[1:], moves, body, q, l, before[1:], now[1:])
     return (select(moves, new, before[0]),) + rest
 
@@ -147,7 +152,7 @@ def update_events(events, moves, step, befores, before, after, q, l, now, rows):
     """
     # A branch for all lanes at once: in most steps nothing happens, and recording is long code.
     if any_of(any_has_happened(before, now)):
-        record_events(events, moves, step, befores, before, after, now, rows)
+        record_events(events, moves, step, befores, before, after, now, rows, step.tails)
     count_dwells(events, moves, step, after[0], now, rows)
     return rearm(events, moves, step.body, q, l, before, now)
 
@@ -163,13 +168,14 @@ def count_dwells(events, moves, step, after, now, rows):
     return count_dwells(events[1:], moves, step, after, now[1:], following(rows))
 
 
-def record_events(events, moves, step, befores, before, after, now, rows):
+def record_events(events, moves, step, befores, before, after, now, rows, tails):
     """Record the events between two states of a step, for members that move.
 
     step : the Step
     befores, after : pairs for the two states: fraction of the step from the state to the step's
         end, and how far the bracket extends beyond the state; `befores` has a pair for each event
     before, now : the levels in the states
+    tails : rows of the tails of the records of these events
 
     A stopped member makes steps until the next assessment. It does not count as moving, and nothing
     is written for it.
@@ -177,17 +183,24 @@ def record_events(events, moves, step, befores, before, after, now, rows):
     if len(events) == 0:
         return 0
     hit = has_happened(before[0], now[0]) & moves
-    record_event(events[0], hit, step, befores[0], before[0], after, now[0], rows)
+    record_event(events[0], hit, step, befores[0], before[0], after, now[0], rows, tails)
     return record_events(
-        events[1:], moves, step, befores[1:], before[1:], after, now[1:], following(rows)
-    )
+        events[1:], moves, step, befores[1:], before[1:], after, now[1:], following(rows),
+        tails_after(tails, step.effects),
+    )  # fmt: skip
 
 
-def record_event(event, hit, step, start_back, before, after, now, rows):
+def tails_after(tails, effects):
+    """Return the rows of the tails of the event after the one with these."""
+    return shifted(tails, 2 * len(layout.tail_of(effects)))
+
+
+def record_event(event, hit, step, start_back, before, after, now, rows, tails):
     """Record an event for the members in the mask `hit`; other arguments as in `record_events`."""
     if len(dwell(event)) > 0:
         return record_dwell(dwell(event), event, hit, step, start_back, before, after, now, rows)
-    t, h, q, l = step.t, step.h, step.q, step.l
+    t, h, q, l = step.t, step.h, step.q, first_three(step.l)
+    tail = concat(step.l[3:], memories_of(step.effects))
     # Linear interpolation here: the exact time is found once, after the run, only for the first and
     # the last event.
     count, last = rows[layout.COUNT], rows[layout.TAU]
@@ -204,7 +217,9 @@ def record_event(event, hit, step, start_back, before, after, now, rows):
     noted = (t, after[0] - after[1], now, start_back[0] + start_back[1], before) + q + l
     if any_of(first):
         write_if(first, noted, rows, layout.RECORDS)
+        write_if(first, tail, tails, 0)
     write_if(hit, noted, rows, layout.RECORDS + layout.RECORD_ROWS)
+    write_if(hit, tail, tails, len(tail))
     return 0
 
 
@@ -221,11 +236,15 @@ def refine_event(
     long_until, ratio : when the steps before the last interval end [s], and their length relative
         to its steps
     """
-    integrator, effects, events, axes, derived = tree_unpack(tree, numbers)
+    integrator, effects, events, axes, derived, works = tree_unpack(tree, numbers)
     event_rows = shifted(work, row + record // 2 * layout.EVENT_ROWS)
     rows, place = without_tangents(event_rows), layout.TIMES + record % 2
     at = layout.RECORDS + record % 2 * layout.RECORD_ROWS
-    body, present = layout.observed_body_and_effects(effects, axes, work, axes_row)
+    body, given = layout.observed_body_and_effects(effects, axes, work, axes_row)
+    states, row_after = states_of(effects), layout.EFFECTS_AT + tree_size(effects)
+    tail_row = row + layout.EVENT_ROWS * len(events) + len(layout.tail_of(effects)) * record
+    memories = tuple_at(memories_of(effects), work, tail_row + len(states))
+    present = in_memory(given, memories)
     # The bracket and the step back have no derivatives: the time gets its own at the end.
     last_h, spare = without_tangents(work)[layout.STEP_LENGTH], without_tangents(spare_work)
     t, bracket = rows[at], four_at(rows, at + 1)
@@ -240,6 +259,7 @@ def refine_event(
         substep = layout.opening_substep(substeps, back_step)
         q = in_precision(four_at(spare_state, layout.ATTITUDE), work)
         l = in_precision(layout.momentum_at(integrator, spare_state), work)
+        l = concat(l, in_precision(tuple_at(states, spare_state, row_after), work))
         torque_time = t + back_step + substeps[3] * back_step
         q, l = from_stepping(integrator, body, present, torque_time, substep, q, l)
         level_here = level_at(events, record // 2, body, present, t + back_step, q, l)
@@ -247,23 +267,35 @@ def refine_event(
         bracket = shrink_bracket(four_at(spare, layout.BRACKET), fraction, here)
         keep_time_change(
             derived, effects, events, axes, record // 2, t + back_step, h, q, l, level_here, work,
-            axes_row, event_rows, place, at_start,
+            axes_row, event_rows, place, at_start, memories,
         )  # fmt: skip
     fraction = interpolate_root(bracket)
     back_step = -fraction * h
     put_rows(bracket + (fraction,), spare, layout.BRACKET)
     substep = layout.opening_substep(substeps, back_step)
     q, l = layout.pose_at(event_rows, at + layout.RECORD_POSE)
+    l = concat(l, tuple_at(states, work, tail_row))
     q, l = to_stepping(integrator, body, present, t + substeps[3] * back_step, substep, q, l)
-    layout.put_stepping(in_precision(q, spare_state), in_precision(l, spare_state), spare_state)
+    memory_row = row_after + len(layout.moving(effects, works))
+    put_rows(in_precision(memories, spare_state), spare_state, memory_row)
+    q, l = in_precision(q, spare_state), in_precision(l, spare_state)
+    put_stepping_state(states, q, l, spare_state, row_after)
     put_rows((t, back_step), spare, layout.ROUND_START)  # and STEP_LENGTH, the row after it
     rows[place] = select(at_start, t, t + back_step)
     return 0
 
 
+def put_stepping_state(states, q, l, state, row):
+    """Write a state in stepping form; states : of effects, which follow L, from `row` on."""
+    if len(states) == 0:
+        return layout.put_stepping(q, l, state)
+    put_rows(l[3:], state, row)
+    return layout.put_stepping(q, first_three(l), state)
+
+
 def keep_time_change(
     derived, effects, events, axes, index, t, h, q, l, level_here, work, axes_row, event_rows,
-    place, at_start,
+    place, at_start, memories,
 ):  # fmt: skip
     """Write the derivatives of the time of an event, -dg/dp / (dg/dt) of its level g (implicit
     function theorem), to a row whose value is written later.
@@ -273,8 +305,10 @@ def keep_time_change(
     if len(derived) == 0:
         return 0
     plain = without_tangents(work)
-    body, present = layout.observed_body_and_effects(effects, axes, plain, axes_row)
-    q, l = derivatives.first_values(q), derivatives.first_values(l[:3])
+    body, given = layout.observed_body_and_effects(effects, axes, plain, axes_row)
+    present = in_memory(given, derivatives.first_values(memories))
+    l = concat(first_three(l), taken(states_of(effects), l[3:]))
+    q, l = derivatives.first_values(q), derivatives.first_values(l)
     dq, dl = state_rates(scaled(body, h), present, body, t, h, q, l)
     q, l = derivatives.moving_each(q, dq), derivatives.moving_each(l, dl)
     rate = derivatives.change_of(
@@ -291,9 +325,9 @@ def keep_time_change(
 def level_at(events, index, body, effects, t, q, l):
     """Return the level of one event, whose index is known only at run time."""
     if len(events) == 1:
-        return level(events[0], body, effects, t, q, l)
+        return levels_of(events, body, effects, t, q, l)[0]
     if index == 0:
-        return level(events[0], body, effects, t, q, l)
+        return levels_of(events[:1], body, effects, t, q, l)[0]
     return level_at(events[1:], index - 1, body, effects, t, q, l)
 
 
@@ -334,7 +368,7 @@ def crossing_time(dense, event, step, start_back, before, after, now):
     path, x = make_interpolant(step), interpolate_root(bracket)
     for _ in range(DWELL_TRIES):
         q, l = interpolate(path, x)
-        level_here = level(event, step.body, step.effects, time_within(step, x), q, l)
+        level_here = levels_of((event,), step.body, step.effects, time_within(step, x), q, l)[0]
         bracket = shrink_bracket(bracket, x, level_here)
         x = interpolate_root(bracket)
     return time_within(step, x)
@@ -351,7 +385,7 @@ def count_if_lasted(wait, beyond, t, step, rows):
     rows[layout.DWELL_START] = select(lasted, math.inf, since)
     if any_of(first):  # the state in which an event may stop the member
         zero = 0.0 * t
-        noted = (zero + step.t, zero, zero, zero, zero) + step.q + step.l
+        noted = (zero + step.t, zero, zero, zero, zero) + step.q + first_three(step.l)
         write_if(first, noted, rows, layout.RECORDS)
     return 0
 

@@ -13,18 +13,20 @@ from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.derivatives import without_derivatives
 from rigidmc.engine.compiler.intrinsics import any_of
 from rigidmc.engine.kernel.dense_output import AHEAD, interpolate, make_interpolant, time_within
-from rigidmc.engine.kernel.events import following, levels_of, record_event
+from rigidmc.engine.kernel.events import following, levels_of, record_event, tails_after
 from rigidmc.physics.dynamics.so3 import (
     axpy,
     axpy4,
     concat,
     difference,
     difference4,
+    first_three,
     root,
     select,
     select_all,
     touch_up,
 )
+from rigidmc.physics.effects.present import in_state
 from rigidmc.physics.observables.compiled import armed, extrema, extremum_limits, update
 from rigidmc.physics.observables.statistics import rest
 
@@ -76,7 +78,8 @@ def running_numbers(running, body, effects, t, q, l):
     """Return the numbers of `extrema` for all running observables, one after the other."""
     if len(running) == 0:
         return ()
-    first = extrema(running[0][0], body, effects, t, q, l)
+    present = in_state(effects, l[3:])
+    first = extrema(running[0][0], body, present, t, q, first_three(l))
     return concat(first, running_numbers(running[1:], body, effects, t, q, l))
 
 
@@ -107,7 +110,9 @@ def event_extrema(events, moves, step, interval, levels, before, now):
     peak = sign * tangent_bound(a, b, interval)
     # A level that rises and falls again below 0 may arm its event on the way.
     arms = (a[1] > 0.0) & (b[1] < 0.0) & (levels[0] == 0.0)
-    arms = arms & armed(events[0], step.body, interval.q, interval.l, peak, peak != peak)
+    arms = arms & armed(
+        events[0], step.body, interval.q, first_three(interval.l), peak, peak != peak
+    )
     mark = ((b[0] > 0.0) & may_dip(a, b, interval) | arms) & moves
     first = Extremum(mark, select(before[0][1] < 0.0, 1.0, -1.0), select(arms, NO_LIMIT, 0.0))
     others = event_extrema(events[1:], moves, step, interval, levels[1:], before[1:], now[1:])
@@ -215,7 +220,7 @@ def refine_extrema(
                 x, q, l = extremum_state(events, running, step, interval, k, sign, a[1], b[1], x)
                 totals = update_running(running, k - len(levels), found, step, x, q, l, totals)
                 befores, levels = record_extremum(
-                    events, k, found, step, x, q, l, befores, levels, rows
+                    events, k, found, step, x, q, l, befores, levels, rows, step.tails
                 )
     return befores, levels, totals
 
@@ -270,12 +275,13 @@ def update_running(running, k, found, step, x, q, l, totals):
         return first + others
     if k >= 0 and k < len(limits):
         t = time_within(step, x)
-        new = update(running[0][0], totals[0], step.body, step.effects, t, q, l)
+        present = in_state(step.effects, l[3:])
+        new = update(running[0][0], totals[0], step.body, present, t, q, first_three(l))
         first = (select_all(found, new, totals[0]),)
     return first + others
 
 
-def record_extremum(events, k, found, step, x, q, l, befores, levels, rows):
+def record_extremum(events, k, found, step, x, q, l, befores, levels, rows, tails):
     """Return (befores, levels) of events after an extremum of the level of event k.
 
     If the event has happened by then, it is recorded and may be rearmed.
@@ -287,14 +293,17 @@ def record_extremum(events, k, found, step, x, q, l, befores, levels, rows):
         level = levels_of(events[:1], step.body, step.effects, time_within(step, x), q, l)[0]
         hit = found & (level * start <= 0.0) & (start != 0.0)
         start_back = before, widened
-        record_event(events[0], hit, step, start_back, start, (1.0 - x, 0.0), level, rows)
+        after = 1.0 - x, 0.0
+        record_event(events[0], hit, step, start_back, start, after, level, rows, tails)
         restarts = hit | (found & (start == 0.0))
-        rearmed = select(armed(events[0], step.body, q, l, level, level != level), level, 0.0)
+        arms = armed(events[0], step.body, q, first_three(l), level, level != level)
+        rearmed = select(arms, level, 0.0)
         before, widened = select(restarts, 1.0 - x, before), select(restarts, 0.0, widened)
         start = select(restarts, rearmed, start)
     others = record_extremum(
-        events[1:], k - 1, found, step, x, q, l, befores[1:], levels[1:], following(rows)
-    )
+        events[1:], k - 1, found, step, x, q, l, befores[1:], levels[1:], following(rows),
+        tails_after(tails, step.effects),
+    )  # fmt: skip
     return ((before, widened),) + others[0], (start,) + others[1]
 
 

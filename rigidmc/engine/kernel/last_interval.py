@@ -12,11 +12,12 @@ import sys
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
 from rigidmc.engine.compiler.memory import put_rows, tuple_at, without_tangents
-from rigidmc.engine.compiler.trees import tree_unpack
+from rigidmc.engine.compiler.trees import tree_size, tree_unpack
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.member import state_in_double
 from rigidmc.engine.kernel.running import put_states, states_at
 from rigidmc.physics.dynamics.so3 import concat, first_three
+from rigidmc.physics.effects.present import in_memory
 from rigidmc.physics.integrators.protocol import from_stepping, to_stepping
 from rigidmc.physics.observables.compiled import reweighed
 
@@ -30,10 +31,13 @@ def change_length(
     round_start, h, member_steps : as in `rigidmc.engine.kernel.member.gather`, for these steps
     """
     integrator, effects, compensated, work_flags = tree_unpack(tree, numbers)
-    body, present = layout.body_and_effects(effects, work)
+    body, given = layout.body_and_effects(effects, work)
+    row = layout.EFFECTS_AT + tree_size(effects)
+    memories = in_precision(layout.memories_at(effects, work_flags, state, row), work)
+    present = in_memory(given, memories)
     row = layout.extra_row(integrator, effects)
     q, l = state_in_double(state, work, compensated)
-    extra = tuple_at(layout.extra_flags(integrator, work_flags), state, row)
+    extra = tuple_at(layout.extra_flags(integrator, effects, work_flags), state, row)
     l = concat(l, in_precision(extra, work))
     times = without_tangents(work)
     old_h, steps_done = times[layout.STEP_LENGTH], min(times[layout.MEMBER_STEPS], slot)
@@ -65,8 +69,8 @@ def member_length(work, h, member_steps):
 
 def reweigh(tree, numbers, work, row, longer):
     """Count each step so far as `longer` steps of the last interval in all sums over steps."""
-    events, running = tree_unpack(tree, numbers)
-    row += layout.EVENT_ROWS * len(events)
+    effects, events, running = tree_unpack(tree, numbers)
+    row = layout.running_row(row, events, effects)
     put_states(reweigh_states(running, states_at(running, work, row), longer), work, row)
     return 0
 

@@ -28,6 +28,7 @@ from rigidmc.physics.dynamics.body_axes import with_axes
 from rigidmc.physics.dynamics.euler import MassProperties
 from rigidmc.physics.dynamics.methods import Flag
 from rigidmc.physics.dynamics.so3 import concat, first_three
+from rigidmc.physics.effects.present import memories_of, states_of
 from rigidmc.physics.integrators.protocol import extra_state
 
 # The number of members of a block is a multiple of LANES, the most that are worked on at the same
@@ -51,7 +52,7 @@ class _RowCounter:
         return self.end - count
 
 
-# Rows of a block. After them come the parameters of the effects, their works, and the rows of
+# Rows of a block. After them come the parameters of the effects, what follows L, and the rows of
 # monitors, see `RowMap`.
 _block = _RowCounter()
 ATTITUDE = _block.take(4)  # a quaternion
@@ -116,7 +117,7 @@ DWELL_START = SQUARES  # of an event with a dwell time, which needs no squares
 RECORD_ROWS = 12
 RECORD_POSE = 5  # the row of q and L in a record
 RECORDS = _event.take(2 * RECORD_ROWS)  # of the first and of the last
-EVENT_ROWS = _event.end
+EVENT_ROWS = _event.end  # and after the rows of all events two RECORD tails each, see `tail_of`
 
 # Rows of the growth of a tangent: the tangent, laid out as a state in a block up to START, then
 # further numbers.
@@ -133,9 +134,9 @@ class RowMap(NamedTuple):
     rows."""
 
     effects: int  # parameters of the effects
-    works: int  # work of each effect
-    good_works: int  # the same at the last good state
-    events: int  # EVENT_ROWS rows for each event
+    trailing: int  # states of the effects, then the work of each, then their memories
+    good_trailing: int  # the same at the last good state
+    events: int  # EVENT_ROWS rows for each event, then the tails of their records
     running: int  # the state of each running observable
     growth: int  # GROWTH_ROWS
     axes: int  # AXES_ROWS if the body is described in axes other than its principal axes
@@ -148,21 +149,24 @@ class RowMap(NamedTuple):
 
 def map_rows(
     parameters: int,
-    works: int = 0,
+    trailing: int = 0,
     events: int = 0,
     marks: Sequence[int] = (),
     growth: bool = False,
     axes: bool = False,
+    tail: int = 0,
 ) -> RowMap:
-    """Return the RowMap for `parameters` parameters of effects and `works` saved works.
+    """Return the RowMap for `parameters` parameters of effects and `trailing` numbers after L.
 
     events : number of events
     marks : state size of each running observable
     growth : whether the growth of a tangent is recorded
     axes : whether members have the rows of their axes
+    tail : numbers of `tail_of`
     """
     counts = (
-        parameters, works, works, EVENT_ROWS * events, sum(marks), GROWTH_ROWS * growth,
+        parameters, trailing, trailing, (EVENT_ROWS + 2 * tail) * events, sum(marks),
+        GROWTH_ROWS * growth,
         AXES_ROWS * axes,
     )  # fmt: skip
     return RowMap(*accumulate(counts, initial=EFFECTS))
@@ -248,18 +252,57 @@ def put_state(q, l, state, compensated, row):
     return 0
 
 
-def extra_flags(integrator, work_flags):
+def moving(effects, work_flags):
+    """Return a tuple as long as the states of effects and the saved works together, which a step
+    changes."""
+    return concat(states_of(effects), works_of(work_flags))
+
+
+def trailing(effects, work_flags):
+    """Return a tuple as long as the same and the memories of effects together."""
+    return concat(moving(effects, work_flags), memories_of(effects))
+
+
+def tail_of(effects):
+    """Return the states and memories of effects: what a record of an event holds besides q and
+    L."""
+    return concat(states_of(effects), memories_of(effects))
+
+
+def traced(effects):
+    """Return how many rows a state in the trace has."""
+    return 7 + len(states_of(effects))
+
+
+def running_row(row, events, effects):
+    """Return the first row of running observables; row : of the events."""
+    return row + (EVENT_ROWS + 2 * len(tail_of(effects))) * len(events)
+
+
+def memories_at(effects, work_flags, rows, row):
+    """Return the memories of effects, from the trailing numbers in rows from `row` on."""
+    return tuple_at(memories_of(effects), rows, row + len(moving(effects, work_flags)))
+
+
+def works_of(work_flags):
+    """Return a number for each saved work."""
+    if len(work_flags) == 0:
+        return ()
+    return (0.0,) + works_of(work_flags[1:])
+
+
+def extra_flags(integrator, effects, work_flags):
     """Return a tuple as long as the numbers after L in a state without remainders.
 
-    These are the extra state of the integrator, else the works, from `extra_row` on.
+    These are the extra state of the integrator, else states and works, from `extra_row` on.
     """
     if len(extra_state(integrator)) == 0:
-        return work_flags
+        return moving(effects, work_flags)
     return extra_state(integrator)
 
 
 def extra_row(integrator, effects):
-    """Return the row of a state at which these numbers begin; works follow the effects."""
+    """Return the row of a state at which these numbers begin; the trailing follow the effects."""
     if len(extra_state(integrator)) == 0:
         return EFFECTS_AT + tree_size(effects)
     return EXTRA

@@ -15,12 +15,19 @@ import numpy as np
 from rigidmc.engine.compiler.compose import inline_all
 from rigidmc.engine.compiler.intrinsics import cast_like, in_precision
 from rigidmc.engine.compiler.memory import group_of, of_body, of_effects, put_rows, without_tangents
-from rigidmc.engine.compiler.trees import noise_of, tree_unflatten, tree_unpack, with_noise
+from rigidmc.engine.compiler.trees import (
+    noise_of,
+    tree_size,
+    tree_unflatten,
+    tree_unpack,
+    with_noise,
+)
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.member import next_attitude
 from rigidmc.engine.kernel.noise import normal_deviates
 from rigidmc.physics.dynamics.functions import as_word
-from rigidmc.physics.dynamics.so3 import first_three, value_of
+from rigidmc.physics.dynamics.so3 import concat, first_three, taken, value_of
+from rigidmc.physics.effects.present import in_memory, states_of
 from rigidmc.physics.integrators.protocol import precompute, step
 
 
@@ -30,20 +37,21 @@ def march(
 ):  # fmt: skip
     """Make the steps from `first` to `last` of a round, each of `count` - 1 substeps.
 
-    trace, traced : target of the state at the start and after each step, seven rows each, unless
-        traced is 0
+    trace, traced : target of the state at the start and after each step, `layout.traced` rows each,
+        unless traced is 0
     key, second_key, streams : the two words of the seed, and the stream of each random effect
     rounds : the number of the round; with the number of the step it makes each step's noise unique
     """
     parts = tree_unpack(tree, numbers)
     integrator, effects, attitude, compensated, work_flags, groups, several, paired = parts
-    extra = layout.extra_flags(integrator, work_flags)
+    extra = layout.extra_flags(integrator, effects, work_flags)
     row = layout.extra_row(integrator, effects)
     states = load_groups(groups, groups, 0, compensated, extra, row, state)
-    fixed = make_constants(integrator, effects, substeps, states, groups, 0, state, work)
+    known = integrator, effects, work_flags
+    fixed = make_constants(known, substeps, states, groups, 0, state, work)
     the_substep = substep_at(1, substeps)
     if traced != 0:
-        trace_groups(groups, groups, 0, states, trace, 0)
+        trace_groups(groups, groups, 0, effects, states, trace, 0)
     for s in range(first, last):
         # Steps of a round count from 0: for members with their own steps, counts in the rounds
         # before differ.
@@ -53,7 +61,8 @@ def march(
             fractions, when = read_substep(several, the_substep, i, substeps)
             states = step_groups(integrator, attitude, drawn, s + when, fractions, states)
         if traced != 0:
-            trace_groups(groups, groups, 0, states, trace, 7 * (s - first + 1))
+            target = layout.traced(effects) * (s - first + 1)
+            trace_groups(groups, groups, 0, effects, states, trace, target)
     store_groups(groups, groups, 0, states, compensated, row, state)
     return 0
 
@@ -103,18 +112,21 @@ class StepConstants(NamedTuple):
     constants: Any
 
 
-def make_constants(integrator, effects, substeps, states, groups, i, state, work):
-    """Return the StepConstants of each group."""
+def make_constants(known, substeps, states, groups, i, state, work):
+    """Return the StepConstants of each group; known : integrator, effects, work flags."""
     if len(states) == 0:
         return ()
+    integrator, effects, work_flags = known
     rows, member = group_of(state, groups, i), without_tangents(group_of(work, groups, i))
     length, began = member[layout.STEP_LENGTH], member[layout.ROUND_START]
     body, h = layout.body_at(of_body(rows), layout.BODY_AT), cast_like(length, rows)
     substep = substeps[4] * h, substeps[5] * h, substeps[6] * h
     precomputed = precompute(integrator, body, substep, states[0][1])
-    present = tree_unflatten(effects, of_effects(rows), layout.EFFECTS_AT)
+    given = tree_unflatten(effects, of_effects(rows), layout.EFFECTS_AT)
+    row = layout.EFFECTS_AT + tree_size(effects)
+    present = in_memory(given, layout.memories_at(effects, work_flags, rows, row))
     first = StepConstants(body, present, began, length, h, member[layout.INDEX], precomputed)
-    rest = make_constants(integrator, effects, substeps, states[1:], groups, i + 1, state, work)
+    rest = make_constants(known, substeps, states[1:], groups, i + 1, state, work)
     return (first,) + rest
 
 
@@ -159,13 +171,14 @@ def step_groups(integrator, attitude, fixed, when, fractions, states):
     return ((next_attitude(attitude, new_q, q), l),) + rest
 
 
-def trace_groups(left, groups, i, states, trace, row):
+def trace_groups(left, groups, i, effects, states, trace, row):
     """Write the states of all groups to the trace."""
     if len(left) == 0:
         return 0
-    q, l = states[0]
-    put_rows(value_of(q) + first_three(value_of(l)), group_of(trace, groups, i), row)
-    return trace_groups(left[1:], groups, i + 1, states[1:], trace, row)
+    q, l = value_of(states[0][0]), value_of(states[0][1])
+    moved = concat(first_three(l), taken(states_of(effects), l[3:]))
+    put_rows(q + moved, group_of(trace, groups, i), row)
+    return trace_groups(left[1:], groups, i + 1, effects, states[1:], trace, row)
 
 
 def store_groups(left, groups, i, states, compensated, row, state):

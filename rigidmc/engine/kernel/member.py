@@ -39,6 +39,7 @@ from rigidmc.physics.dynamics.so3 import (
     dot,
     first_three,
     inverse,
+    left_after,
     logical_not,
     maximum,
     scale,
@@ -46,6 +47,7 @@ from rigidmc.physics.dynamics.so3 import (
     select_all,
     vertical,
 )
+from rigidmc.physics.effects.present import in_memory, in_state, memories_of, states_of
 from rigidmc.physics.effects.sums import (
     corrected_by_work,
     has_untracked,
@@ -86,11 +88,11 @@ def gather(tree, numbers, block, rows, members, low, member_steps, h, round_star
     return 0
 
 
-def scatter(tree, numbers, block, rows, members, low, works, work_row, done, state, work):
+def scatter(tree, numbers, block, rows, members, low, trailing, row_after, done, state, work):
     """Copy the rows of the members from `low` on back to the block; finally the last good state.
 
-    works : number of works, in the rows from `work_row` of the block on, followed by the last good
-        ones
+    trailing : count of the numbers after L, in the rows from `row_after` of the block on, followed
+        by the last good ones
     """
     member = layout.member_rows(work)
     for row in range(rows):
@@ -99,18 +101,19 @@ def scatter(tree, numbers, block, rows, members, low, works, work_row, done, sta
             last = done != 0 and row < layout.EXTRA
             x = member[layout.GOOD_STATE + row] if last else cast_like(state[row], work)
             store_lanes(block, place, x)
-        elif row < layout.BODY or row >= work_row + works:
+        elif row < layout.BODY or row >= row_after + trailing:
             store_lanes(block, place, member[row])
-        elif row >= work_row:
+        elif row >= row_after:
             now = cast_like(state[layout.BODY_AT + row - layout.BODY], work)
-            store_lanes(block, place, member[row + works] if done != 0 else now)
+            store_lanes(block, place, member[row + trailing] if done != 0 else now)
     return 0
 
 
 def initialise(tree, numbers, substeps, state, work):
     """Record energy and momentum of the start, classify it, and convert it to stepping form."""
     integrator, effects, limits, work_flags = tree_unpack(tree, numbers)
-    body, present = layout.body_and_effects(effects, work)
+    body, given = layout.body_and_effects(effects, work)
+    present = in_memory(given, memories_of(given))
     member, times = layout.member_rows(work), without_tangents(work)
     (q, l), h = layout.pose_at(member, layout.ATTITUDE), times[layout.STEP_LENGTH]
     kinetic, l2 = kinetic_energy(body, l), dot(l, l)
@@ -137,7 +140,16 @@ def initialise(tree, numbers, substeps, state, work):
     put_rows((drift, drift, smallest, smallest), member, layout.EARLY_DRIFT)
     put_rows(q + l, member, layout.GOOD_STATE)
 
-    l = concat(l, tuple_at(work_flags, member, layout.EFFECTS + tree_size(effects)))
+    row, states, memories = (
+        layout.EFFECTS + tree_size(effects),
+        states_of(given),
+        memories_of(given),
+    )
+    saved = tuple_at(work_flags, member, row + len(states))
+    l, after = concat(l, concat(states, saved)), concat(concat(states, saved), memories)
+    put_rows(after, member, row + len(after))
+    row = layout.EFFECTS_AT + tree_size(effects) + len(states) + len(saved)
+    put_rows(in_precision(memories, state), state, row)
     t, substep = times[layout.ROUND_START] + substeps[3] * h, layout.opening_substep(substeps, h)
     q, l = to_stepping(integrator, body, present, t, substep, q, l)
     put_rows(in_precision(q + first_three(l), state), state, layout.ATTITUDE)
@@ -159,22 +171,28 @@ def assess(tree, numbers, substeps, state, work, rounds_done, slot, late, planne
     Return 0 if all members are stopped or frozen, else 1.
     """
     integrator, effects, attitude, compensated, limits, work_flags = tree_unpack(tree, numbers)
-    body, present = layout.body_and_effects(effects, work)
-    work_row = layout.EFFECTS_AT + tree_size(effects)
-    good_work_row = layout.EFFECTS + tree_size(effects) + len(work_flags)
+    body, given = layout.body_and_effects(effects, work)
+    trailing, row_after = (
+        layout.trailing(effects, work_flags),
+        layout.EFFECTS_AT + tree_size(effects),
+    )
+    memories = in_precision(layout.memories_at(effects, work_flags, state, row_after), work)
+    present = in_memory(given, memories)
+    good_row = layout.EFFECTS + tree_size(effects) + len(trailing)
     member, times = layout.member_rows(work), without_tangents(work)
     # A member that has made its own steps waits for the slowest of its round: its time stands.
     h, steps_done = times[layout.STEP_LENGTH], min(times[layout.MEMBER_STEPS], slot)
     # In float64, whatever the precision of the steps: in float32 the energy itself is rounded by
     # 6e-8, more than the drifts to be seen.
     q, l = state_in_double(state, work, compensated)
-    extra = layout.extra_flags(integrator, work_flags)
+    extra = layout.extra_flags(integrator, effects, work_flags)
     row = layout.extra_row(integrator, effects)
     l = concat(l, in_precision(tuple_at(extra, state, row), work))
     t = times[layout.ROUND_START] + (steps_done + substeps[3]) * h
     q, l = from_stepping(integrator, body, present, t, layout.opening_substep(substeps, h), q, l)
     # The lane of a stopped member goes on with the others: its state is that of its last step.
-    works, stopped = l[3:], work[layout.IS_STOPPED] > 0.0
+    after, stopped = concat(l[3:], memories), work[layout.IS_STOPPED] > 0.0
+    works, present = left_after(states_of(effects), l[3:]), in_state(present, after)
     q = next_attitude(attitude, q, four_at(member, layout.GOOD_STATE))
     stopped_q, stopped_l = layout.pose_at(work, layout.STOPPED_STATE)
     q, l = select_all(stopped, stopped_q, q), select_all(stopped, stopped_l, first_three(l))
@@ -197,8 +215,8 @@ def assess(tree, numbers, substeps, state, work, rounds_done, slot, late, planne
     steps = rounds_done * times[layout.MEMBER_STEPS] + steps_done
     good = update_status(fault, start, energy, l2, steps, q, l, member, late)
     frozen = member[layout.STATUS] > 0.0
-    last_good = tuple_at(work_flags, member, good_work_row)
-    keep_good_works(frozen, last_good, works, member, good_work_row, state, work_row)
+    last_good = tuple_at(trailing, member, good_row)
+    keep_good(frozen, last_good, after, member, good_row, state, row_after)
     # The true state, in rows for the stepping form: whatever steps make of it, the next assessment
     # resets it, and nothing else reads it.
     restore_good(frozen | stopped, good, state)
@@ -212,9 +230,15 @@ def record(tree, numbers, work, axes_row, out, at, width, t, skips_cache, tangen
     skips_cache, tangent, apart : as in `store_rows`
     """
     observables, effects, work_flags, axes = tree_unpack(tree, numbers)
-    body, present = layout.observed_body_and_effects(effects, axes, work, axes_row)
-    member = layout.member_rows(work)
-    works = tuple_at(work_flags, member, layout.EFFECTS + tree_size(effects) + len(work_flags))
+    body, given = layout.observed_body_and_effects(effects, axes, work, axes_row)
+    member, trailing = layout.member_rows(work), layout.trailing(effects, work_flags)
+    row = layout.EFFECTS + tree_size(effects) + len(trailing)
+    after = tuple_at(layout.moving(effects, work_flags), member, row)
+    memories = layout.memories_at(effects, work_flags, member, row)
+    works, present = (
+        left_after(states_of(effects), after),
+        in_state(in_memory(given, memories), after),
+    )
     q, l = layout.pose_at(member, layout.GOOD_STATE)
     untracked, kinetic = has_untracked(work_flags), kinetic_energy(body, l)
     max_kinetic = largest_kinetic_energy(untracked, member, layout.PLANNED_KINETIC, kinetic)
@@ -337,9 +361,9 @@ def restore_good(frozen, good, state):
     return 0
 
 
-def keep_good_works(frozen, good, works, member, row, state, at):
-    """Record the works as the last good ones; for a frozen member, restore the last good ones."""
-    put_rows(select_all(frozen, good, works), member, row)
+def keep_good(frozen, good, after, member, row, state, at):
+    """Record the numbers after L as the last good ones; for a frozen member, restore these."""
+    put_rows(select_all(frozen, good, after), member, row)
     now = tree_unflatten(good, state, at)
     put_rows(select_all(frozen, in_precision(good, state), now), state, at)
     return 0

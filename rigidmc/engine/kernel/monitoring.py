@@ -31,7 +31,7 @@ from rigidmc.engine.compiler.memory import (
     tuple_at,
     without_tangents,
 )
-from rigidmc.engine.compiler.trees import tree_unpack
+from rigidmc.engine.compiler.trees import tree_size, tree_unpack
 from rigidmc.engine.kernel import layout
 from rigidmc.engine.kernel.dense_output import (
     AHEAD,
@@ -74,7 +74,8 @@ from rigidmc.engine.kernel.running import (
     update_averages,
     update_states,
 )
-from rigidmc.physics.dynamics.so3 import concat, first_three
+from rigidmc.physics.dynamics.so3 import concat
+from rigidmc.physics.effects.present import in_memory, memories_of, states_of
 from rigidmc.physics.integrators.protocol import extra_state, from_stepping
 from rigidmc.physics.observables.statistics import rest
 
@@ -82,10 +83,15 @@ from rigidmc.physics.observables.statistics import rest
 def begin_monitors(tree, numbers, substeps, state, work, row, axes_row):
     """Set the rows of monitors at the start."""
     effects, events, running, axes = tree_unpack(tree, numbers)
-    body, present = layout.observed_body_and_effects(effects, axes, work, axes_row)
-    (q, l), rows = layout.good_pose(work), shifted(work, row)
-    begin_events(events, body, present, 0.0, q, l, rows)
-    begin_running(running, body, present, 0.0, q, l, work, row + layout.EVENT_ROWS * len(events))
+    body, given = layout.observed_body_and_effects(effects, axes, work, axes_row)
+    (q, l), rows, present = (
+        layout.good_pose(work),
+        shifted(work, row),
+        in_memory(given, memories_of(given)),
+    )
+    begin_events(events, body, present, 0.0, q, l, rows, tails_of(events, rows))
+    first = layout.running_row(row, events, effects)
+    begin_running(running, body, present, 0.0, q, l, work, first)
     write_stopped(events, state, work, rows)
     return 0
 
@@ -111,6 +117,11 @@ def monitor_steps(
     return 0
 
 
+def tails_of(events, rows):
+    """Return the rows of the tails of the records of events."""
+    return shifted(rows, layout.EVENT_ROWS * len(events))
+
+
 class Monitoring(NamedTuple):
     """What is monitored, and how.
 
@@ -129,16 +140,20 @@ class Monitoring(NamedTuple):
 
 def monitor_group(parts, substeps, state, work, trace, kept, row, axes_row, first, last, nodes):
     """Do the same as `monitor_steps` for a group of members."""
-    integrator, effects, events, running, dense, axes, deferred, _ = parts
-    body, present = layout.observed_body_and_effects(effects, axes, work, axes_row)
+    integrator, effects, events, running, dense, axes, deferred, _, works = parts
+    body, given = layout.observed_body_and_effects(effects, axes, work, axes_row)
+    row_after = layout.EFFECTS_AT + tree_size(effects)
+    memories = layout.memories_at(effects, works, state, row_after)
+    present = in_memory(given, in_precision(memories, work))
     extra, rows = tuple_at(extra_state(integrator), state, layout.EXTRA), shifted(work, row)
     reading = trace_reading(integrator, body, present, substeps, extra, work, trace)
     monitoring = Monitoring(events, running, dense, deferred, nodes, rows)
-    running_row, h = row + layout.EVENT_ROWS * len(events), reading.length
+    running_row, h = layout.running_row(row, events, effects), reading.length
     steps = without_tangents(work)[layout.MEMBER_STEPS]
     levels, totals = levels_at(events, rows), states_at(running, work, running_row)
     t, q, l = traced_state(reading, first, first)
-    node = node_at(dense, events, running, Step(body, present, t, h, q, l, q, l))
+    tails = tails_of(events, rows)
+    node = node_at(dense, events, running, Step(body, present, t, h, q, l, q, l, tails))
     notes, at_first, size = cast_like(0.0, work), totals, kept_rows(running, totals)
     for s in range(first, last):
         p, m, before, earlier = q, l, node, totals
@@ -146,7 +161,7 @@ def monitor_group(parts, substeps, state, work, trace, kept, row, axes_row, firs
         # Lanes go on together until the slowest member of a round has made its steps. The states of
         # the others do not change, and must not count twice.
         moves = (steps > s) & (is_stopped(events, rows) <= 0.0)
-        step, place = Step(body, present, t, h, q, l, p, m), (s - first) * size
+        step, place = Step(body, present, t, h, q, l, p, m, tails), (s - first) * size
         levels, totals, node = monitor_step(monitoring, moves, step, levels, totals, node)
         notes = note_step(
             deferred, notes, running, moves, earlier, levels, before, node, kept, place
@@ -192,8 +207,10 @@ def trace_reading(integrator, body, effects, substeps, extra, work, trace):
 
 def traced_state(reading, s, first):
     """Return (t, q, L) after step s of a round, from the trace of the steps from `first` on."""
-    q, l = layout.pose_at(reading.trace, 7 * (s - first))
-    return true_state(reading, s * 1.0, q, l)
+    row = layout.traced(reading.effects) * (s - first)
+    q, l = layout.pose_at(reading.trace, row)
+    states = tuple_at(states_of(reading.effects), reading.trace, row + 7)
+    return true_state(reading, s * 1.0, q, concat(l, states))
 
 
 def true_state(reading, s, q, l):
@@ -202,7 +219,7 @@ def true_state(reading, s, q, l):
     q, l = in_precision(q, r.work), in_precision(concat(l, r.extra), r.work)
     t = r.began + (s + r.when) * r.length
     q, l = from_stepping(r.integrator, r.body, r.effects, t, r.substep, q, l)
-    return r.began + s * r.length, q, first_three(l)
+    return r.began + s * r.length, q, l
 
 
 def search_noted(monitoring, reading, kept, size, notes, first, last, at_first, totals):
@@ -215,16 +232,22 @@ def search_noted(monitoring, reading, kept, size, notes, first, last, at_first, 
     if len(monitoring.deferred) == 0:
         return totals
     running, dense, merged = monitoring.running, monitoring.dense, at_first
+    marks = concat((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), states_of(reading.effects))
     while any_of(notes > 0.0):
         note = first_note(notes)
         there, s, notes = note > 0.0, noted_step(note, (last - first) * 1.0), notes - note
-        seven = picked_rows((0, 0, 0, 0, 0, 0, 0), reading.trace, 7.0 * s, 0)
-        earlier_t, p, m = true_state(reading, first + s, seven[:4], seven[4:])
-        seven = picked_rows((0, 0, 0, 0, 0, 0, 0), reading.trace, 7.0 * s, 7)
-        t, q, l = true_state(reading, first + s + 1.0, seven[:4], seven[4:])
+        rows = layout.traced(reading.effects)
+        picked = picked_rows(marks, reading.trace, rows * 1.0 * s, 0)
+        earlier_t, p, m = true_state(reading, first + s, picked[:4], picked[4:])
+        picked = picked_rows(marks, reading.trace, rows * 1.0 * s, rows)
+        t, q, l = true_state(reading, first + s + 1.0, picked[:4], picked[4:])
         body, effects, h = reading.body, reading.effects, reading.length
-        step, interval = Step(body, effects, t, h, q, l, p, m), SubInterval(0.0, 1.0, t, q, l)
-        before = node_at(dense, (), running, Step(body, effects, earlier_t, h, p, m, p, m))
+        tails = tails_of((), reading.work)
+        step, interval = (
+            Step(body, effects, t, h, q, l, p, m, tails),
+            SubInterval(0.0, 1.0, t, q, l),
+        )
+        before = node_at(dense, (), running, Step(body, effects, earlier_t, h, p, m, p, m, tails))
         now = node_at(dense, (), running, step)
         earlier = kept_states(running, totals, kept, size * s, 0)
         earlier = merge_states(running, there, earlier, merged, merged)

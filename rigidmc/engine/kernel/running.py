@@ -25,7 +25,8 @@ from rigidmc.engine.compiler.trees import tree_unflatten
 from rigidmc.engine.kernel.extrema import PARABOLA_DOUBT
 from rigidmc.physics.dynamics.functions import as_float, as_word
 from rigidmc.physics.dynamics.methods import OFF, ON
-from rigidmc.physics.dynamics.so3 import select, select_all
+from rigidmc.physics.dynamics.so3 import first_three, select, select_all
+from rigidmc.physics.effects.present import in_state
 from rigidmc.physics.observables.compiled import (
     begin,
     extremum_limits,
@@ -68,7 +69,8 @@ def update_states(running, moves, step, t, q, l, totals):
     """Return the states of running observables after a state, changed for members that move."""
     if len(running) == 0:
         return ()
-    new = update(running[0][0], totals[0], step.body, step.effects, t, q, l)
+    present = in_state(step.effects, l[3:])
+    new = update(running[0][0], totals[0], step.body, present, t, q, first_three(l))
     others = update_states(running[1:], moves, step, t, q, l, totals[1:])
     return (select_all(moves, new, totals[0]),) + others
 

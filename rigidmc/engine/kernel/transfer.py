@@ -101,10 +101,10 @@ def park_finished(frame, state, now, stores):
         if work[layout.MEMBER_STEPS * lanes + k] <= float(now):
             is_any_finished = True
             for j in range(1 + frame.tangents + frame.growth):
-                for i in range(layout.START + frame.works):
-                    row = i if i < layout.START else frame.work_row + i - layout.START
+                for i in range(layout.START + frame.trailing):
+                    row = i if i < layout.START else frame.row_after + i - layout.START
                     at = (j * frame.tangents_in_state + row) * lanes + k
-                    place = parking + (j * (layout.START + frame.works) + i) * lanes + k
+                    place = parking + (j * (layout.START + frame.trailing) + i) * lanes + k
                     if stores != 0:
                         trace[place] = state[at]
                     else:
@@ -150,11 +150,11 @@ def scatter_members(frame, low, part):
 
     At the end of the run they contain the last good state.
     """
-    is_last, work_row = part == frame.passes - 1, layout.BODY + frame.work_row - layout.BODY_AT
+    is_last, row_after = part == frame.passes - 1, layout.BODY + frame.row_after - layout.BODY_AT
     done = 1 if frame.last == frame.total else 0
     for j in range(0 if is_last else 1, 1 + frame.tangents):
         block, state, work = copy_of_members(frame, j, part)
-        at = frame.rows, frame.width, low, frame.works, work_row, done
+        at = frame.rows, frame.width, low, frame.trailing, row_after, done
         call_address(frame.scatter, (block, *at, state, work))
     if is_last and frame.growth != 0:
         scatter_growing(frame, low)

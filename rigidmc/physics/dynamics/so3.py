@@ -40,6 +40,7 @@ from rigidmc.physics.dynamics.vectors import (
     dot,
     first_three,
     inverse,
+    left_after,
     logical_not,
     maximum,
     minimum,
@@ -51,14 +52,15 @@ from rigidmc.physics.dynamics.vectors import (
     select,
     select_all,
     symmetric_times,
+    taken,
 )
 
 __all__ = [
     "add", "add4", "add_compensated", "add_compensated4", "advance_attitude", "apply_rotation",
     "arctan2", "axpy", "axpy4", "by_precision", "concat", "conjugate", "cross", "difference",
     "difference4", "divide_by_three", "dot", "expm1", "exponential", "first_three", "into_body",
-    "inverse", "inverse_near_three", "logical_not", "maximum", "minimum", "multiply",
+    "inverse", "inverse_near_three", "left_after", "logical_not", "maximum", "minimum", "multiply",
     "nearest_integer", "normalised", "renormalise", "rest_axpy", "root", "rotated", "scale",
     "scale4", "scale_rest", "select", "select_all", "sincos", "sincos_small", "spin",
-    "symmetric_times", "touch_up", "two_sum", "value_of", "vertical",
+    "symmetric_times", "taken", "touch_up", "two_sum", "value_of", "vertical",
 ]  # fmt: skip

@@ -4,9 +4,9 @@ A "number" is a float; in Python it may be an array of floats, and in a kernel a
 number from each of several members. Conditions are then arrays or masks, and both sides of a choice
 are evaluated.
 
-A momentum may be a longer tuple: its three components, then the works that the effects have done
-(`rigidmc.physics.effects.sums`). Sums and multiples include these trailing numbers; a missing one
-is 0.
+A momentum may be a longer tuple: its three components, then the states of the effects, then the
+works that they have done (`rigidmc.physics.effects.sums`). Sums and multiples include these
+trailing numbers; a missing one is 0.
 """
 
 import numpy as np
@@ -59,6 +59,20 @@ def rest_axpy(a, s, b):
     if len(a) == 0:
         return scale_rest(s, b)
     return (a[0] + s * b[0],) + rest_axpy(a[1:], s, b[1:])
+
+
+def taken(like, values):
+    """Return as many of the first values as `like` has."""
+    if len(like) == 0:
+        return ()
+    return values[:1] + taken(like[1:], values[1:])
+
+
+def left_after(like, values):
+    """Return the values after `taken`."""
+    if len(like) == 0:
+        return values
+    return left_after(like[1:], values[1:])
 
 
 def add(a, b):

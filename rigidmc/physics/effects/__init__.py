@@ -18,6 +18,7 @@ from rigidmc.physics.effects.torques import BodyTorque as BodyTorque
 from rigidmc.physics.effects.torques import SpaceTorque as SpaceTorque
 from rigidmc.physics.effects.torques import PeriodicTorque as PeriodicTorque
 from rigidmc.physics.effects.rotor import Rotor as Rotor
+from rigidmc.physics.effects.reaction_wheel import ReactionWheel as ReactionWheel
 from rigidmc.physics.effects.damping import ViscousDamping as ViscousDamping
 from rigidmc.physics.effects.damping import AxialDamping as AxialDamping
 from rigidmc.physics.effects.damping import MatrixDamping as MatrixDamping

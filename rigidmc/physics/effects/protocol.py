@@ -42,6 +42,10 @@ class Effect(Protocol):
                                             rk8 and cf4
         add_torque(self, [body, t, q, l, by, onto])  onto + by * torque, if this is cheaper than
                                             `torque`
+        state_rate(self, [body, t, q, l])   rates of change of the fields `state`, one number for
+                                            each of their numbers
+        sample(self, [body, t, q, l, noise])  the fields `memory` after a sample, one number for
+                                            each of their numbers; noise holds six normal deviates
 
     body, q, l : MassProperties, attitude, angular momentum in the principal axes [kg m^2/s]
     t, h, w : time [s], time step [s], angular velocity in the principal axes [rad/s]
@@ -83,6 +87,14 @@ class EffectFacts(NamedTuple):
         {"wheel": ("rotor", "momentum")}; the sum over several effects, the default if there is none
     example : parameters of a typical effect, used by the tests
     switches : parameters that are times at which the torque jumps or has a kink; steps end there
+    state : parameters that move along with the body by `state_rate`; a scene gives their values at
+        the start, and all methods read their values now
+    every : the parameter that is the time between two samples [s], "" for none
+    after : the parameter that is the time of the first sample [s], "" for 0
+    memory : parameters that `sample` writes, constant from sample to sample; a scene gives their
+        values before the first
+    commands : what memories command, {field: (word of a kind of effect, its field)}: of a vector
+        one number for each effect of that kind, first to last, or a whole vector for one
     is_random : whether it needs noise
     is_damping : whether it drives the body if its parameters are negative
     conserves_l2 : whether it conserves |L|
@@ -100,6 +112,11 @@ class EffectFacts(NamedTuple):
     shared: dict[str, tuple[str, str]] = {}
     example: tuple[Any, ...] = ()
     switches: tuple[str, ...] = ()
+    state: tuple[str, ...] = ()
+    every: str = ""
+    after: str = ""
+    memory: tuple[str, ...] = ()
+    commands: dict[str, tuple[str, str]] = {}
     is_random: bool = False
     is_damping: bool = False
     conserves_l2: bool = False
@@ -130,6 +147,9 @@ def effect(cls: Any = None, /, **stated: Any) -> Any:
 
     def put(cls: Kind) -> Kind:
         for name, value in stated.items():
+            if name in getattr(cls, "_fields", ()):
+                rule = f"has a parameter '{name}', which the fact {name} would hide: rename it"
+                raise TypeError(f"@effect: {cls.__name__} {rule}")
             setattr(cls, name, value)
         if stated.get("hidden"):
             cls.__repr__ = _shown  # type: ignore[assignment, method-assign]
@@ -157,13 +177,19 @@ def facts(effect: Effect | type[Effect]) -> EffectFacts:
 def _facts(cls: type[Effect]) -> EffectFacts:
     stated = {name for name in EffectFacts._fields if hasattr(cls, name)} - {*cls._fields}
     facts = EffectFacts(**{name: getattr(cls, name) for name in stated})
-    return facts._replace(units={**dict.fromkeys(facts.switches, "s"), **facts.units})
+    times = *facts.switches, *filter(None, (facts.every, facts.after))
+    return facts._replace(units={**dict.fromkeys(times, "s"), **facts.units})
+
+
+# Methods that decide a motion, and so which of its numbers it needs.
+ACTING = "torque", "kick", "add_noise", "sample"  # an effect has one of these
+DECIDING = "torque", "kick", "energy", "slip", "state_rate", "sample"
 
 
 def is_effect(value: object) -> TypeGuard[Effect]:
-    """Return whether a value is an effect: a NamedTuple instance with a method that acts on L."""
+    """Return whether a value is an effect: a NamedTuple instance with a method that acts."""
     # `shake` is the former name of `add_noise`: a later check rejects the class and gives the name
-    acts = any(implements(value, verb) for verb in ("torque", "kick", "add_noise", "shake"))
+    acts = any(implements(value, verb) for verb in (*ACTING, "shake"))
     return acts and isinstance(value, tuple) and hasattr(value, "_fields")
 
 
@@ -192,9 +218,20 @@ def is_conservative(effect: Effect) -> bool:
 def depends_on_momentum(effect: Effect | type[Effect]) -> bool:
     """Return whether the torque depends on L, or the effect has its own `kick`.
 
-    Such a kick is not L + h torque(q, t).
+    Such a kick is not L + h torque(q, t); nor is one with a state, which moves meanwhile.
     """
-    return "l" in argument_names(effect, "torque") or implements(effect, "kick")
+    is_flow = has_state(effect) or implements(effect, "kick")
+    return is_flow or "l" in argument_names(effect, "torque")
+
+
+def has_memory(effect: Effect | type[Effect]) -> bool:
+    """Return whether parameters of an effect are written at samples."""
+    return bool(facts(effect).memory)
+
+
+def has_state(effect: Effect | type[Effect]) -> bool:
+    """Return whether parameters of an effect move along with the body."""
+    return bool(facts(effect).state)
 
 
 @method
@@ -222,6 +259,21 @@ def kick(effect, body, t, h, q, l):
     The default is exact if the torque depends on q alone.
     """
     return axpy(l, h, torque(effect, body, t, q, l))
+
+
+@method
+def state_rate(effect, body, t, q, l):
+    """Return the rates of change of the state of an effect; () if it has none."""
+    return ()
+
+
+@method
+def sample(effect, body, t, q, l, noise):
+    """Return the memory of an effect after a sample; () if it has none.
+
+    noise : six normal deviates, a function of seed, effect, member and number of the sample
+    """
+    return ()
 
 
 @method

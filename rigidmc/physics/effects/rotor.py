@@ -69,17 +69,24 @@ class Rotor(NamedTuple):
         )
 
     def kick(self, body, t, h, l):
-        # with y_i = L_i sqrt(1/I_i):  dy/dt = g x y,  g_i = H_i / sqrt(I_j I_k)
-        one, two, three = root(body.i1), root(body.i2), root(body.i3)
         wheel = axpy(self.momentum, t, self.motor)
         # Half of the motor's kick before and half after the rotation: symmetric, hence order 2.
-        x, y, z = axpy(l, -0.5 * h, self.motor)
-        x, y, z = rotated(
-            (h * two * three * wheel[0], h * three * one * wheel[1], h * one * two * wheel[2]),
-            (one * x, two * y, three * z),
-        )
-        # where 1/I1 is 0, x is 0 and the quotient is 0 whatever the divisor
-        return axpy((x / select(one > 0.0, one, 1.0), y / two, z / three), -0.5 * h, self.motor)
+        turned = carried_round(body, h, wheel, axpy(l, -0.5 * h, self.motor))
+        return axpy(turned, -0.5 * h, self.motor)
+
+
+def carried_round(body, h, wheel, l):
+    """Return L after the torque H x omega of a constant momentum H over h.
+
+    A rotation of y_i = L_i sqrt(1/I_i):  dy/dt = g x y,  g_i = H_i / sqrt(I_j I_k)
+    """
+    one, two, three = root(body.i1), root(body.i2), root(body.i3)
+    x, y, z = rotated(
+        (h * two * three * wheel[0], h * three * one * wheel[1], h * one * two * wheel[2]),
+        (one * l[0], two * l[1], three * l[2]),
+    )
+    # where 1/I1 is 0, x is 0 and the quotient is 0 whatever the divisor
+    return x / select(one > 0.0, one, 1.0), y / two, z / three
 
 
 @effect(

@@ -3,9 +3,10 @@
 The functions recurse over the tuple of effects, so only the effects of a scene are compiled; the
 empty tuple costs nothing.
 
-A run that saves `work` appends one number per effect to the three components of L: the energy that
-the effect has given to the body. So l is (x, y, z), or these followed by the works. In this file
-`works` are these numbers, and `untracked` has one flag per effect, ON if the effect has no
+Effects with a state append its numbers to the three components of L, one effect after the other; a
+run that saves `work` appends one number per effect after them: the energy that the effect has given
+to the body. So l is (x, y, z), `states` and `works`, and whatever evaluates effects first puts the
+states into them (`in_state`). `untracked` has one flag per effect, ON if the effect has no
 potential energy that accounts for its work.
 """
 
@@ -19,10 +20,15 @@ from rigidmc.physics.dynamics.so3 import (
     difference,
     dot,
     first_three,
+    left_after,
+    rest_axpy,
     scale,
+    scale_rest,
     spin,
+    taken,
     value_of,
 )
+from rigidmc.physics.effects.present import in_state, states_of
 from rigidmc.physics.effects.protocol import (
     add_noise,
     add_torque,
@@ -31,9 +37,18 @@ from rigidmc.physics.effects.protocol import (
     kick,
     noise_score,
     slip,
+    state_rate,
     torque,
     torque_rate,
 )
+
+
+def state_rates_of(effects, body, t, q, l):
+    """Return the rates of change of the states of all effects; these are in the effects."""
+    if len(effects) == 0:
+        return ()
+    first = state_rate(effects[0], body, t, q, l)
+    return concat(first, state_rates_of(effects[1:], body, t, q, l))
 
 
 def total_torque(effects, body, t, q, l):
@@ -85,17 +100,32 @@ def push(effects, body, t, h, q, l, change):
     if len(effects) == 0:
         return change
     if len(l) > 3:
-        at = first_three(l)
-        pushed = add_torques(effects, body, t, q, at, (h, h, h), first_three(change))
-        w = add_slip(effects, body, t, 2.0, q, at, angular_velocity(body, at))
-        works = add_work(effects, body, t, h, q, at, w, change[3:])
-        return pushed + pay_for_slip(effects, effects, body, t, h, q, at, works)
+        return push_states(effects, states_of(effects), body, t, h, q, l, change)
     return add_torques(effects, body, t, q, l, (h, h, h), change)
+
+
+def push_states(effects, states, body, t, h, q, l, change):
+    """Return the same, followed by the changes of the states and works; without numbers after the
+    three of `change` these changes begin with 0."""
+    at, present, more = first_three(l), in_state(effects, l[3:]), change[3:]
+    pushed = add_torques(present, body, t, q, at, (h, h, h), first_three(change))
+    moved = rest_axpy(taken(states, more), h, state_rates_of(present, body, t, q, at))
+    saved, works = left_after(states, l[3:]), left_after(states, more)
+    return concat(concat(pushed, moved), push_works(saved, present, body, t, h, q, at, works))
+
+
+def push_works(saved, effects, body, t, h, q, l, works):
+    """Return the works of the effects plus h times their power; () if none are saved."""
+    if len(saved) == 0:
+        return ()
+    w = add_slip(effects, body, t, 2.0, q, l, angular_velocity(body, l))
+    done = add_work(effects, body, t, h, q, l, w, works)
+    return pay_for_slip(effects, effects, body, t, h, q, l, done)
 
 
 def state_rates(rates, effects, body, t, h, q, l):
     """Return (h dq/dt, h dL/dt) in a state; rates : Rates of the body over h."""
-    half = add_slip(effects, body, t, h, q, l, half_rotation(rates, l))
+    half = add_slip(in_state(effects, l[3:]), body, t, h, q, l, half_rotation(rates, l))
     return spin(q, half), push(
         effects, body, t, h, q, l, add_free_change(rates, (0.0, 0.0, 0.0), l)
     )
@@ -148,12 +178,25 @@ def kick_all(effects, body, t, h, q, l):
     if len(effects) == 0:
         return l
     if len(l) > 3:
-        before = first_three(l)
-        after = kick(effects[0], body, t, h, q, before)
-        rest = kick_all(effects[1:], body, t, h, q, concat(after, l[4:]))
-        work = add_flow_work(effects[0], body, t, h, q, before, after, l[3])
-        return first_three(rest) + (work,) + rest[3:]
+        works = left_after(states_of(effects), l[3:])
+        return joined(kick_each(effects, body, t, h, q, first_three(l), l[3:], works))
     return kick_all(effects[1:], body, t, h, q, kick(effects[0], body, t, h, q, l))
+
+
+def kick_each(effects, body, t, h, q, l, states, works):
+    """Return (L, states, works) after `kick_all`; works : () if none are saved."""
+    if len(effects) == 0:
+        return l, (), ()
+    mine = states_of(effects[:1])
+    after, state, work = kick_one(effects[:1], mine, body, t, h, q, l, states, works)
+    others = left_after(mine, states), works[1:]
+    end, later, done = kick_each(effects[1:], body, t, h, q, after, others[0], others[1])
+    return end, concat(state, later), concat(work, done)
+
+
+def joined(parts):
+    """Return one tuple of L, states and works."""
+    return concat(concat(parts[0], parts[1]), parts[2])
 
 
 def kick_all_back(effects, body, t, h, q, l):
@@ -161,11 +204,61 @@ def kick_all_back(effects, body, t, h, q, l):
     if len(effects) == 0:
         return l
     if len(l) > 3:
-        rest = kick_all_back(effects[1:], body, t, h, q, concat(first_three(l), l[4:]))
-        before = first_three(rest)
-        after = kick(effects[0], body, t, h, q, before)
-        return after + (add_flow_work(effects[0], body, t, h, q, before, after, l[3]),) + rest[3:]
+        works = left_after(states_of(effects), l[3:])
+        return joined(kick_each_back(effects, body, t, h, q, first_three(l), l[3:], works))
     return kick(effects[0], body, t, h, q, kick_all_back(effects[1:], body, t, h, q, l))
+
+
+def kick_each_back(effects, body, t, h, q, l, states, works):
+    """Return (L, states, works) after `kick_all_back`; works : () if none are saved."""
+    if len(effects) == 0:
+        return l, (), ()
+    mine = states_of(effects[:1])
+    others = left_after(mine, states), works[1:]
+    middle, later, done = kick_each_back(effects[1:], body, t, h, q, l, others[0], others[1])
+    end, state, work = kick_one(effects[:1], mine, body, t, h, q, middle, states, works)
+    return end, concat(state, later), concat(work, done)
+
+
+def kick_one(one, mine, body, t, h, q, l, states, works):
+    """Return (L, state, work) after the flow of an effect, whose state and work come first.
+
+    one : a tuple of the effect;  mine : states_of(one)
+    """
+    before = taken(mine, states)
+    after, state = kick_with_state(one, before, body, t, h, q, l)
+    midway = in_state(one, rest_axpy(scale_rest(0.5, state), 0.5, before))
+    return after, state, flow_work(midway[0], body, t, h, q, l, after, works)
+
+
+def kick_with_state(one, state, body, t, h, q, l):
+    """Return (L, state) after the flow of an effect over h at a fixed attitude.
+
+    The kick of an effect may return its state after L. Otherwise the state moves by half a step,
+    L by the torque there, and the state by the other half: order 2, exact if the rate depends on
+    nothing that moves.
+    """
+    if len(state) == 0:
+        return kick(one[0], body, t, h, q, l), ()
+    present = in_state(one, state)
+    return after_kick(one, kick(present[0], body, t, h, q, l), body, t, h, q, l, state)
+
+
+def after_kick(one, kicked, body, t, h, q, l, state):
+    """Return (L, state); kicked : by the effect in this state."""
+    if len(kicked) > 3:
+        return first_three(kicked), kicked[3:]
+    middle = half_way(one, body, t, 0.5 * h, q, l, state)
+    present = in_state(one, middle)
+    after = kick(present[0], body, t, h, q, l)
+    return after, half_way(one, body, t + 0.5 * h, 0.5 * h, q, after, middle)
+
+
+def half_way(one, body, t, h, q, l, state):
+    """Return the state of an effect after h at fixed q and L, by the midpoint rule."""
+    first = state_rates_of(in_state(one, state), body, t, q, l)
+    middle = in_state(one, rest_axpy(state, 0.5 * h, first))
+    return rest_axpy(state, h, state_rates_of(middle, body, t + 0.5 * h, q, l))
 
 
 def shake_all(effects, body, h, l):
@@ -211,13 +304,18 @@ def add_work(effects, body, t, h, q, l, w, works):
     return (works[0] + done,) + add_work(effects[1:], body, t, h, q, l, w, works[1:])
 
 
-def add_flow_work(effect, body, t, h, q, before, after, work):
-    """Return the work of one effect after its flow over h, which takes L from `before` to `after`.
+def flow_work(effect, body, t, h, q, before, after, works):
+    """Return the first of the works after the flow of its effect over h; () if none are saved.
+
+    before, after : L
 
     It uses the torque midway between the two: order 2.
     """
+    if len(works) == 0:
+        return ()
     middle = scale(0.5, add(before, after))
-    return work + h * dot(torque(effect, body, t, q, middle), angular_velocity(body, middle))
+    done = h * dot(torque(effect, body, t, q, middle), angular_velocity(body, middle))
+    return (works[0] + done,)
 
 
 def corrected_by_work(start, untracked, works):

@@ -9,9 +9,9 @@ from importlib import import_module
 from math import inf
 from typing import Any
 
-from rigidmc.physics.dynamics.methods import implements
+from rigidmc.physics.dynamics.methods import argument_names, implements
 from rigidmc.physics.effects import name_of
-from rigidmc.physics.effects.protocol import depends_on_momentum, is_random
+from rigidmc.physics.effects.protocol import depends_on_momentum, has_state, is_random
 from rigidmc.physics.integrators.closed_form import ClosedForm
 from rigidmc.physics.integrators.protocol import (
     Integrator,
@@ -117,7 +117,13 @@ def _refusal(
         return f"the work of effects cannot be saved {by}"
     if compensated and not integrator.compensated:
         return "it has no sums to compensate"
+    moving = [e for e in effects if has_state(e)]
+    if moving and (compensated or not makes_steps):
+        by = "with compensated sums" if compensated else "by it"
+        return f"the state of {_names(moving)} cannot be followed {by}"
     noisy = [e for e in effects if is_random(e)]
+    if moving and noisy:
+        return f"the state of {_names(moving)} cannot be followed beside {_names(noisy)}"
     if noisy and not (integrator.is_splitting and integrator.order == 2):
         return f"{_names(noisy)} is random and needs a splitting of order 2"
     if noisy and compensated:
@@ -139,7 +145,8 @@ def _refusal(
 def _unsplit(integrator: Integrator, effects: Sequence[Any], compensated: bool) -> str | None:
     """Return why a splitting does not accept these effects, else None."""
     moving = [e for e in effects if depends_on_momentum(e)]
-    if unable := [e for e in moving if not implements(e, "kick")]:
+    flows = [e for e in moving if "l" in argument_names(e, "torque", "state_rate")]
+    if unable := [e for e in flows if not implements(e, "kick")]:
         why = f"the torque of {_names(unable)} depends on L and has no flow of its own (kick)"
         return f"it alternates free motion with kicks, but {why}"
     if moving and integrator.order > 2:

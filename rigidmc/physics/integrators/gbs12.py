@@ -3,7 +3,6 @@
 from fractions import Fraction
 from typing import NamedTuple
 
-from rigidmc.physics.dynamics.euler import angular_velocity
 from rigidmc.physics.dynamics.methods import static_count
 from rigidmc.physics.dynamics.so3 import (
     add,
@@ -15,13 +14,16 @@ from rigidmc.physics.dynamics.so3 import (
     axpy4,
     concat,
     first_three,
+    left_after,
     rest_axpy,
     scale,
     scale4,
     scale_rest,
+    taken,
     value_of,
 )
-from rigidmc.physics.effects.sums import add_slip, add_work, pay_for_slip
+from rigidmc.physics.effects.present import in_state, states_of
+from rigidmc.physics.effects.sums import add_slip, push_works, state_rates_of
 from rigidmc.physics.integrators.rk4 import add_push, add_rate, couplings, momentum, quarters
 
 # Substeps of the midpoint rule in each sequence. With 12 in the last a step needs 5 % fewer
@@ -51,7 +53,7 @@ def weights(substeps, power):
     return tuple(rounded)
 
 
-_B = weights(SUBSTEPS, 1)  # of q and works
+_B = weights(SUBSTEPS, 1)  # of q, states and works
 _C = weights(SUBSTEPS, 2)  # of u, which is itself proportional to a substep
 
 
@@ -59,24 +61,18 @@ def add_change(effects, body, k, t, span, start, onto, at):
     """Return onto + span times the rate in the state start + at.
 
     States are (q, u) with u = span omega/2, half the rotation vector over a span; onto and at are
-    changes since the start of a step, in which works follow u.
+    changes since the start of a step. States of effects and works follow u.
     k : see `couplings`
     """
-    q, u = add4(start[0], at[0]), add(start[1], first_three(at[1]))
+    q, now, more = add4(start[0], at[0]), add(start[1], at[1]), onto[1][3:]
+    u, states, present = first_three(now), states_of(effects), in_state(effects, now[3:])
     l = momentum(body, 2.0 * span, u)
-    half = add_slip(effects, body, t, span, q, l, u)
-    du = add_push(effects, body, t, 2.0 * span, 0.5, q, u, add_rate(k, first_three(onto[1]), u))
-    works = work_change(effects, body, t, span, q, l, onto[1][3:])
-    return advance_attitude(onto[0], q, half), concat(du, works)
-
-
-def work_change(effects, body, t, h, q, l, works):
-    """Return the works of the effects, increased by their power times h; () if none are saved."""
-    if len(works) == 0:
-        return ()
-    w = add_slip(effects, body, t, 2.0, q, l, angular_velocity(body, l))
-    done = add_work(effects, body, t, h, q, l, w, works)
-    return pay_for_slip(effects, effects, body, t, h, q, l, done)
+    half = add_slip(present, body, t, span, q, l, u)
+    du = add_push(present, body, t, 2.0 * span, 0.5, q, u, add_rate(k, first_three(onto[1]), u))
+    moved = rest_axpy(taken(states, more), span, state_rates_of(present, body, t, q, l))
+    saved, works = left_after(states, now[3:]), left_after(states, more)
+    works = push_works(saved, present, body, t, span, q, l, works)
+    return advance_attitude(onto[0], q, half), concat(concat(du, moved), works)
 
 
 def leapfrog(pairs, effects, body, k, t, span, start, even, odd):
@@ -104,12 +100,12 @@ def midpoint_change(pairs, part, given, zero):
         scale4(euler, rate[0]),
         concat(scale(part * euler, first_three(rate[1])), scale_rest(euler, rate[1][3:])),
     )
-    within = start[0], scale(part, start[1])
+    within = start[0], concat(scale(part, first_three(start[1])), start[1][3:])
     return leapfrog(pairs, effects, body, k, t, part * h, within, zero, odd)
 
 
 def extrapolate(b, c, changes, onto):
-    """Return onto plus all changes; b weights q and works, c weights u."""
+    """Return onto plus all changes; b weights q, states and works, c weights u."""
     if len(changes) == 0:
         return onto
     dq, du = changes[0]
@@ -146,7 +142,7 @@ class GBS12(NamedTuple):
     def step(self, body, effects, t, h, q, l):
         x, y, z = quarters(body, 2.0 * h)
         at, now, k = value_of(q), value_of(l), couplings(body)
-        start = at, (x * now[0], y * now[1], z * now[2])
+        start = at, concat((x * now[0], y * now[1], z * now[2]), now[3:])
         # Sums of changes alone: sums onto q would be rounded to its last digit 39 times a step, and
         # the weights, up to 6, would multiply that.
         zero = (0.0, 0.0, 0.0, 0.0), concat((0.0, 0.0, 0.0), scale_rest(0.0, now[3:]))

@@ -14,6 +14,7 @@ from rigidmc.physics.dynamics.so3 import (
     scale,
     value_of,
 )
+from rigidmc.physics.effects.present import in_state
 from rigidmc.physics.effects.sums import add_slip, push
 
 
@@ -73,7 +74,8 @@ def _force(body, effects, t, q, l):
 
 def _turning(body, effects, t, q, l):
     """Return the angular velocity of the body, including the `slip` of effects."""
-    return add_slip(effects, body, t, 2.0, q, l, angular_velocity(body, l))
+    present = in_state(effects, l[3:])
+    return add_slip(present, body, t, 2.0, q, l, angular_velocity(body, l))
 
 
 class CF4(NamedTuple):

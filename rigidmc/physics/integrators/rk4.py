@@ -1,5 +1,6 @@
 """Classical Runge-Kutta."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,8 +24,9 @@ from rigidmc.physics.dynamics.so3 import (
     select,
     value_of,
 )
+from rigidmc.physics.effects.protocol import Effect, has_state
 from rigidmc.physics.effects.sums import add_torques, add_work, state_rates
-from rigidmc.physics.integrators.protocol import StepScheme
+from rigidmc.physics.integrators.protocol import ONE_SUBSTEP, StepScheme
 from rigidmc.physics.integrators.rk8 import linear_combination, rates_at_stage
 
 _START = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -52,12 +54,15 @@ class RK4(NamedTuple):
     def interleaving(self) -> int:
         return 2
 
-    def scheme(self) -> StepScheme:
+    def scheme(self, effects: Sequence[Effect]) -> StepScheme:
         """Return the StepScheme of steps without remainders."""
+        if any(map(has_state, effects)):
+            return StepScheme(self, np.array(ONE_SUBSTEP))
         return StepScheme(ScaledRK4(), np.array([(1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0)]))
 
     def step(self, body, effects, t, h, q, l):
-        """Step pairs (value, remainder), by the changes at the stages alone.
+        """Step pairs (value, remainder), or with states of effects, by the changes at the stages
+        alone.
 
         Stages are rounded to the last digit of q, and so would be changes computed from stages.
         """

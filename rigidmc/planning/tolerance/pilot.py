@@ -237,7 +237,7 @@ def states_along(
     units = run.total // run.slots
     clock = Clock(run.h, units, run.h)
     cuts = cut_rows(scene.effects, clock, units, bool(run.member_steps))
-    shortens, run = len(cuts) > 1, run._replace(cuts=cuts)
+    shortens, run = len(cuts) > 1, run.cut(cuts)
     effects, attitude = blank(scene.effects), pilot.has_attitude
     spec = ProgramSpec(scheme, effects, OBSERVED, attitude, compensated, dtype, shortens=shortens)
     program = Program(spec)

@@ -16,7 +16,9 @@ from rigidmc.physics.dynamics.methods import Method, implements
 from rigidmc.physics.dynamics.so3 import exponential, multiply
 from rigidmc.physics.dynamics.trials import State, Trial, states
 from rigidmc.physics.effects import EFFECTS
+from rigidmc.physics.effects.present import memories_of, states_of
 from rigidmc.physics.effects.protocol import (
+    ACTING,
     OLD_WORDS,
     add_noise,
     energy,
@@ -27,14 +29,15 @@ from rigidmc.physics.effects.protocol import (
     is_random,
     kick,
     numbers,
+    sample,
     shape,
     slip,
+    state_rate,
     takes_noise,
     torque,
     torque_rate,
 )
 
-_ACTS = "torque", "kick", "add_noise"  # an effect has one of these
 _VECTORS, _SCALARS = (torque, kick, add_noise, slip, torque_rate), (energy, energy_scale)
 BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
 
@@ -48,13 +51,17 @@ def check_effect_class(effect: Any) -> None:
     if not is_effect(effect):
         raise _not_an_effect(effect, kind)
     stated = facts(kind)
-    names = "switches", "units", "shapes", "limits", "in_body", "along_axes", "hidden", "shared"
+    names = (
+        "switches", "units", "shapes", "limits", "in_body", "along_axes", "hidden", "shared",
+        "state", "memory", "commands", "every", "after",
+    )  # fmt: skip
     for name in names:
-        for field in getattr(stated, name):
+        fields = getattr(stated, name)
+        for field in filter(None, (fields,) if isinstance(fields, str) else fields):
             if field not in kind._fields:
-                fields = ", ".join(kind._fields) or "none"
-                fields += hint_of(nearest(field, kind._fields))
-                rule = f"names '{field}', which is not a parameter; its parameters: {fields}"
+                known = ", ".join(kind._fields) or "none"
+                known += hint_of(nearest(field, kind._fields))
+                rule = f"names '{field}', which is not a parameter; its parameters: {known}"
                 raise PartError.of(kind, rule, "effects", name)
     for field, unit in stated.units.items():
         try:
@@ -67,9 +74,9 @@ def check_effect_class(effect: Any) -> None:
 def _not_an_effect(effect: Any, kind: type[Any]) -> SceneError:
     """Return the error about a value that is not an effect: what its class lacks."""
     fields = getattr(kind, "_fields", None)
-    acts = [verb for verb in _ACTS if implements(kind, verb)]
+    acts = [verb for verb in ACTING if implements(kind, verb)]
     methods = [x for x in vars(kind) if x[0] != "_" and x not in (fields or ())]
-    close = [(word, right) for word in methods if (right := nearest(word, _ACTS))]
+    close = [(word, right) for word in methods if (right := nearest(word, ACTING))]
     if (acts or close) and fields is None:
         rule = f"is not a NamedTuple, as an effect must be: write class {kind.__name__}(NamedTuple)"
     elif acts and isinstance(effect, type):
@@ -93,7 +100,10 @@ def check_user_effect(effect: Any) -> None:
         return
     trial = Trial("effects", trial_effect(effect))
     trial.refuse_old(OLD_WORDS)
-    trial.read(*_VECTORS, *_SCALARS)
+    trial.read(*_VECTORS, *_SCALARS, state_rate, sample)
+    _check_facts(trial, kind)
+    sizes = {state_rate: len(states_of((trial.part,))), sample: len(memories_of((trial.part,)))}
+    sizes |= dict.fromkeys(_VECTORS, 3)
     if implements(kind, "add_noise") and not takes_noise(kind) and shape(kind, "noise") == 3:
         rule = "only random effects can have the field `noise`: use @effect(is_random=True)"
         raise trial.complaint("noise", rule)
@@ -105,14 +115,34 @@ def check_user_effect(effect: Any) -> None:
         raise trial.complaint("add_noise", rule)
     for state in states():
         values = _values(state)
-        for method in _given(kind, _VECTORS):
-            trial.numbers(method, values, 3)
+        for method, size in sizes.items():
+            if implements(kind, method.__name__):
+                is_whole = method is kick and len(trial.called(kick, values)) > 3
+                trial.numbers(method, values, size + sizes[state_rate] * is_whole)
         for method in _given(kind, _SCALARS):
             trial.number(method, values)
         if implements(kind, "energy") and implements(kind, "torque"):
             _check_gradient(trial, state)
     if implements(kind, "energy_scale"):
         _check_arrays(trial)
+
+
+def _check_facts(trial: Trial, kind: type[Any]) -> None:
+    """Check that what moves or samples has a method that does it, and that this is all it needs."""
+    stated = facts(kind)
+    for fact, method, is_stated in (
+        ("state", "state_rate", bool(stated.state)),
+        ("memory", "sample", bool(stated.memory)),
+        ("every", "sample", bool(stated.every)),
+    ):
+        if is_stated and not implements(kind, method):
+            raise trial.complaint(fact, f"is stated, so the class needs a method `{method}`")
+        if implements(kind, method) and not is_stated:
+            rule = f"needs the fact `{fact}`: @effect({fact}=...)"
+            raise trial.complaint(method, rule)
+    for field in stated.commands:
+        if field not in stated.memory:
+            raise trial.complaint("commands", f"names '{field}', which is not in `memory`")
 
 
 def _check_arrays(trial: Trial) -> None:
@@ -146,7 +176,8 @@ def _number(value: Any) -> float:
 
 
 def _values(state: State) -> dict[str, Any]:
-    return {"body": BODY, "t": state.t, "h": 0.1, "q": state.q, "l": state.l, "w": state.l}
+    known = {"body": BODY, "t": state.t, "h": 0.1, "q": state.q, "l": state.l, "w": state.l}
+    return {**known, "noise": (0.3, -1.2, 0.7, 0.1, 2.0, -0.4)}
 
 
 def _check_gradient(trial: Trial, state: State) -> None:

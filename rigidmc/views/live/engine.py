@@ -69,7 +69,7 @@ def live_run(scene: Scene, members: int) -> LiveRun:
         fixed = {"integrator": run.scene.run.integrator, "dt": step, "turn": None}
         run = prepare_scene(run.scene.with_run(**fixed))
         block, start = run.initial(first, members)
-    if run.plan.has_switches:
+    if run.plan.has_cuts:
         raise OptionError("the steps of a page do not end at switching times", at="live")
     if run.units is not None:
         rule = "this body needs scaled units, in which a page cannot move numbers"

@@ -75,7 +75,7 @@ class HeavyByHand(NamedTuple):
 
 
 G, D, WITH, WITHOUT = Gravity(1.0), ViscousDamping(1.0), ON, OFF
-WITH_SUMS = RK4().scheme()._replace(integrator=RK4().scheme().integrator.with_compensation())
+WITH_SUMS = RK4().scheme(())._replace(integrator=RK4().scheme(()).integrator.with_compensation())
 
 
 CASES = {
@@ -103,7 +103,7 @@ CASES = {
     "rk4 gravity float32": case("rk4", (G,), WITH, OFF, "float32"),
     "rk8 gravity float32": case("rk8", (G,), WITH, OFF, "float32"),
     "strang gravity float32": case("strang", (G,), WITH, OFF, "float32"),
-    "rk4 gravity damping works": Case(RK4().scheme(), (G, D), works=(0.0, 0.0)),
+    "rk4 gravity damping works": Case(RK4().scheme(()), (G, D), works=(0.0, 0.0)),
     "rk4 gravity by hand": Case(scheme_of(frozen(HeavyByHand())), (G,)),
     "rkmk4 gravity damping float32": case("rkmk4", (G, D), WITH, OFF, "float32"),
 }

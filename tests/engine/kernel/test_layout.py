@@ -44,7 +44,7 @@ def test_a_scene_is_staged_by_the_table_of_rows(save):
     )
     assert rows.events == block_rows(scene.effects, "work" in save)
     assert rows.end == rows.events + watched.rows
-    assert rows.works == layout.EFFECTS + 2
+    assert rows.trailing == layout.EFFECTS + 2
     assert rows.in_state(layout.EFFECTS) == layout.EFFECTS_AT
 
 
@@ -53,6 +53,6 @@ def test_a_call_begins_at_the_parts_of_its_first_step():
     steps = [2, 2, 5, 9, 9, 9]
     rows = np.zeros((len(steps) + 1, CUT_ROWS))
     rows[:, 0] = *steps, 1e300
-    frame = SimpleNamespace(cuts=rows.ravel(), h=0.1, slots=1)
+    frame = SimpleNamespace(cuts=rows.ravel(), h=0.1, slots=1, cut_count=len(steps), sampling=0)
     first = [int(np.searchsorted(steps, now)) for now in range(12)]
     assert [next_cut(frame, now) for now in range(12)] == first

@@ -123,7 +123,10 @@ def test_all_methods_compile_for_members_side_by_side(name):
 @EVERY
 def test_each_number_of_an_effect_changes_its_torque(name):
     effect, values = EXAMPLES[name], [value for _, _, value in P.numbers(EXAMPLES[name])]
+    fields = [field for field, _, _ in P.numbers(effect)]
     for i, value in enumerate(values):
+        if fields[i].startswith("max_"):  # of a wheel that is not saturated
+            continue
         other = P.from_numbers(EFFECTS[name], [*values[:i], value * 1.01 or 0.01, *values[i + 1 :]])
         one, two = (
             [P.torque(e, BODY, 0.3 * k, q, l) for k, (q, l) in enumerate(some_states())]
@@ -178,6 +181,8 @@ def test_kick_is_the_flow_of_the_torque(name):
     effect, order = EXAMPLES[name], P.facts(EFFECTS[name]).kick_order
     if P.depends_on_momentum(effect) and not implements(effect, "kick"):
         return  # no splitting takes it
+    if P.has_state(effect):
+        return  # L alone has no flow, see test_moving_parts.py
     if order == math.inf:
         assert_exact(effect)
     else:

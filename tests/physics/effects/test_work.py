@@ -14,6 +14,7 @@ from rigidmc.engine import program
 from rigidmc.physics.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.physics.dynamics.methods import flag, implements, static_count
 from rigidmc.physics.effects import BodyTorque, Gravity, QuadraticDrag, ViscousDamping
+from rigidmc.physics.effects.present import states_of
 from rigidmc.physics.effects.protocol import depends_on_momentum, from_numbers, numbers
 from rigidmc.physics.effects.sums import total_energy, untracked_work
 from rigidmc.physics.integrators import INTEGRATORS, integrators_for
@@ -34,13 +35,16 @@ def beside(effect):
 
 def unbooked(name, effects, h, end=2.0):
     """The largest |E - E(0) - work| of a motion [J]."""
-    made, q, l = prepare(INTEGRATORS[name], 3.0 * h, effects), Q, L + static_count(len(effects))
+    states = states_of(effects)
+    made, q = prepare(INTEGRATORS[name], 3.0 * h, effects), Q
+    l = L + states + static_count(len(effects))
     ledger = tuple(flag(not implements(e, "energy")) for e in effects)
     first, worst = kinetic_energy(BODY, l) + total_energy(effects, BODY, q), 0.0
     for i in range(round(end / h)):
         q, l = one_step(made, BODY, effects, i * h, h, q, l)
         now = kinetic_energy(BODY, l) + total_energy(effects, BODY, q)
-        worst = max(worst, abs(now - first - untracked_work(ledger, l[3:])))
+        works = l[3 + len(states) :]
+        worst = max(worst, abs(now - first - untracked_work(ledger, works)))
     return worst
 
 
