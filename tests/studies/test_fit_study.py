@@ -357,6 +357,22 @@ def test_the_guide_fits_periods_by_total_least_squares(tmp_path, monkeypatch):
         )  # fmt: skip
 
 
+def test_readings_that_leave_nothing_to_judge():
+    """One is refused, and of two equal ones the stated noise gives the deviation: each reads
+    omega_3 alone, to .02."""
+    scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), start=rm.Start(omega=(0.0, 0.0, 1.0)))
+    columns, noise = {"omega": ("", "", "w")}, {"omega": 0.02}
+    table = {"t": np.zeros(2), "row": np.array([0.0, 1.0]), "w": np.full(2, 1.5)}
+    known = {"columns": columns, "split": "row", "noise": noise, "trials": 2}
+    twice = {**table, "row": np.zeros(2), "t": np.array([0.0, 0.1])}
+    study = rm.fit(scene, twice, "start.omega.3", **known)
+    assert study.value[0, 0] == pytest.approx(1.5)
+    assert study.deviation[0] == pytest.approx(0.02 / np.sqrt(2.0), rel=1e-6)  # measured 1e-9
+    one = {name: x[:1] for name, x in table.items()}
+    with pytest.raises(OptionError, match="holds one reading"):
+        rm.fit(scene, one, "start.omega.3", **known)
+
+
 def test_a_dead_channel_is_left_out():
     """The other two show the body, also that of the largest rate."""
     scene = rm.Scene(rm.Body((0.0012, 0.016, 0.017)), (), rm.Start(omega=(0.4, 9.0, 0.3)))

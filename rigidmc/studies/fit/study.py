@@ -141,7 +141,10 @@ def start(
     records, notes = examine(plain, records_of(scene, *source), options.nuisances or ())
     named = {"free": options.free, "own": options.each, "nuisances": options.nuisances}
     asked: dict[str, Any] = {"loss": options.loss, **{k: list(x or ()) for k, x in named.items()}}
-    run = make_problem(scene, records=records, noise=options.noise, threads=1, **asked).run
+    problem = make_problem(scene, records=records, noise=options.noise, threads=1, **asked)
+    if problem.residuals < 2:
+        raise OptionError("holds one reading, which leaves nothing to judge a fit by", at="data")
+    run = problem.run
     batch = DRAWN * min(max(options.trials // (4 * DRAWN), 1), MOST_DRAWN)
     return scene, {
         "records": [
@@ -199,6 +202,9 @@ def reduce(
     make = partial(maker(request, threads), finer=steps)
     problem = make(run.scene)
     solution = merged(problem, Solution(x, problem.sums(x), settled > 0, ends))
+    if not np.isfinite(solution.sums.cost[0]):
+        rule = "the motion of every trial is flagged: begin nearer to the body, or with a spin"
+        raise OptionError(rule, at="free", value=",".join(request["asked"]["free"]))
     for more in reversed(range(MOST_REFINED)):
         solution = merged(problem, polish(problem, solution))
         streams = problem.refined(solution.x[0]) if more else ()

@@ -111,9 +111,13 @@ def _held(times: Array, x: Array, is_slow: bool) -> str:
 
 def _turns(rates: Rates, notes: list[str]) -> float:
     """Return the angle between readings [rad], and tell a large one; OptionError for no run."""
-    pairs = [(t, float(np.median(np.linalg.norm(np.nan_to_num(w), axis=1)))) for t, w in rates]
-    between = max(speed * float(np.median(np.diff(t))) for t, speed in pairs)
-    longest = max(speed * float(t[-1] - t[0]) for t, speed in pairs)
+    pairs = [
+        (t, float(np.median(np.linalg.norm(np.nan_to_num(w), axis=1))))
+        for t, w in rates
+        if t.size > 1
+    ]
+    between = max((speed * float(np.median(np.diff(t))) for t, speed in pairs), default=0.0)
+    longest = max((speed * float(t[-1] - t[0]) for t, speed in pairs), default=0.0)
     words = f"the body turns by {between:.3g} rad between two readings"
     asks = "are times in ms, or rates in degrees? Give units by --time, --columns"
     if longest > MOST_TURNED:

@@ -28,6 +28,7 @@ from rigidmc.studies.fit.streams import Array
 from rigidmc.studies.fit.visible import Seen, seen
 
 SEEN = 4.6  # gain of a model error that white noise has with a chance of 1 % (chi^2, 2)
+VANISHING = 1e-20  # of the variance: residuals of exact readings have rounding, 1e-2 of it and more
 FEWEST = 0.05  # share of residuals that a loss takes as they are: fewer tell no deviation
 
 
@@ -93,6 +94,8 @@ def model_error(channels: Channels, shown: Seen) -> ModelError:
     basis = _basis(shown)
     steps = channels.steps[np.isfinite(channels.steps)]
     white = _likelihood(channels, basis, 0.0, 1.0)
+    if white[1] < VANISHING:  # two equal readings say nothing of the noise: it is what it is stated
+        return ModelError(1.0, 0.0, 1.0, 0.0, white[2])
     if not steps.size:  # records of one reading
         return ModelError(white[1], 0.0, 1.0, 0.0, white[2])
     span, shortest = float(steps.sum()) / max(1, len(channels.parts)), float(np.median(steps))
@@ -156,7 +159,9 @@ def _likelihood(
     x[:-1] += band[0, 1:, None] * y[1:]
     whole = channels.product(x)
     matrix, right = basis.T @ whole[1:, 1:] @ basis, basis.T @ whole[1:, 0]
-    size, count = channels.steps.size, channels.steps.size - matrix.shape[0]
+    size = channels.steps.size
+    # as many readings as numbers that they show: nothing is left over to judge
+    count = max(1, size - matrix.shape[0])
     # 1e-300: its logarithm is a number
     left = max(1e-300, float(whole[0, 0] - right @ np.linalg.solve(matrix, right)))
     restricted = count * math.log(left / count) + float(np.linalg.slogdet(matrix)[1])
