@@ -38,8 +38,8 @@ class ReactionWheel(NamedTuple):
     The tensor of the body holds everything but the inertia of the wheel about its own axis: of a
     satellite with locked wheels, subtract inertia a a^T for each. L + H a, over all wheels, is then
     the momentum of the whole, which no wheel changes in space. s is the speed of the wheel relative
-    to the body. The motor follows `command` up to `max_torque`, and stops where it would drive |H|
-    beyond `max_momentum`.
+    to the body. The motor follows `command` up to `max_torque`, and stops where it would drive H
+    beyond `max_momentum`, in either sense.
 
     The kick of a splitting is a rotation between two halves of the exact flow of motor and
     bearing: order 2.
