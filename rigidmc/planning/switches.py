@@ -124,14 +124,13 @@ def sample_times(effects: Sequence[Any], end: float) -> tuple[Array, Array]:
     of a period round in different ways.
     """
     sampling = [effect for effect in effects if has_memory(effect)]
-    times, near = np.empty(0), np.inf
-    each = []
+    each, near = list[Array](), np.inf
     for effect in sampling:
         every, after = sample_period(effect)
         count = np.arange(max(0, math.ceil((end - after) / every - SAME)), dtype=float)
         each.append(after + count * every)
         near = min(near, SAME * every)
-    found = np.sort(np.concatenate([times, *each]))
+    found = np.sort(np.concatenate(each))
     times = found[np.diff(found, prepend=-np.inf) > near]
     counts = np.full((times.size, len(sampling)), -1.0)
     for place, own in enumerate(each):
@@ -155,39 +154,53 @@ def cut_rows(effects: Sequence[Any], clock: Clock, units: int, has_rounds: bool)
     clock : when the units end;  units : to the end of the run
     """
     sampling = sum(map(has_memory, effects))
-    last_end = float(clock.time(units))
     within: dict[int, list[Edge]] = {}
     for time in switch_times(effects):
         unit, beside = _units_at(time, clock, units)
         for one in {unit, beside} - {-1}:
             within.setdefault(one, []).append(Edge(time, True))
-    rows, end = [], no_cuts(sampling)
-    if sampling:
-        times, counts = sample_times(effects, last_end)
-        at = _unit_of(times, clock)
-        begins = clock.time(at)
-        lengths = clock.time(at + 1) - begins
-        at = np.where(begins + lengths - times < SAME * lengths, at + 1, at)
-        begins = clock.time(at)
-        lengths = clock.time(at + 1) - begins
-        busy, many = np.unique(at, return_counts=True)
-        alone = np.isin(at, busy[many == 1]) & (abs(times - begins) < SAME * lengths)
-        alone &= ~np.isin(at, list(within))
-        origin = begins if has_rounds else begins - at * lengths
-        rows.append(np.column_stack([at, lengths, origin, times, counts])[alone & (at < units)])
-        for i in np.flatnonzero(~alone & (at < units)):
-            edge = Edge(float(times[i]), False, tuple(counts[i].tolist()))
-            within.setdefault(int(at[i]), []).append(edge)
+    rows = [_sampled_rows(effects, clock, units, has_rounds, within)] if sampling else []
     none = (-1.0,) * (1 + sampling if sampling else 0)
     for unit in sorted(within):
-        begin, stop = float(clock.time(unit)), float(clock.time(unit + 1))
-        for length, at_begin, taken in _parts(begin, stop, within[unit]):
-            origin_of = at_begin if has_rounds else at_begin - unit * length
-            rows.append(np.array([[unit, length, origin_of, *(taken or none)]]))
+        begin, end = float(clock.time(unit)), float(clock.time(unit + 1))
+        for length, at, taken in _parts(begin, end, within[unit]):
+            origin = at if has_rounds else at - unit * length
+            rows.append(np.array([[unit, length, origin, *(taken or none)]]))
     if not rows:
-        return end
+        return no_cuts(sampling)
     made = np.concatenate(rows)
-    return np.concatenate([made[np.argsort(made[:, 0], kind="stable")], end])
+    return np.concatenate([made[np.argsort(made[:, 0], kind="stable")], no_cuts(sampling)])
+
+
+def _sampled_rows(
+    effects: Sequence[Any],
+    clock: Clock,
+    units: int,
+    has_rounds: bool,
+    within: dict[int, list[Edge]],
+) -> Array:
+    """Return the rows of units that begin with a sample and have no other edge; add the edges of
+    all other samples to `within`.
+
+    Most samples are such, and a run may have 1e7: they are found by arrays.
+    """
+    times, counts = sample_times(effects, float(clock.time(units)))
+    at = _unit_of(times, clock)
+    lengths = clock.time(at + 1) - clock.time(at)
+    # rounded down: it begins the next unit
+    at = np.where(clock.time(at + 1) - times < SAME * lengths, at + 1, at)
+    begins = clock.time(at)
+    lengths = clock.time(at + 1) - begins
+    busy, many = np.unique(at, return_counts=True)
+    alone = np.isin(at, busy[many == 1]) & (abs(times - begins) < SAME * lengths)
+    alone &= ~np.isin(at, list(within))
+    origin = begins if has_rounds else begins - at * lengths
+    for i in np.flatnonzero(~alone & (at < units)):
+        edge = Edge(float(times[i]), False, tuple(counts[i].tolist()))
+        within.setdefault(int(at[i]), []).append(edge)
+    rows = np.column_stack([at, lengths, origin, times, counts])
+    begun: Array = rows[alone & (at < units)]
+    return begun
 
 
 def _unit_of(times: Any, clock: Clock) -> Any:

@@ -266,8 +266,8 @@ def refine_event(
         here = derivatives.without_derivatives(level_here)
         bracket = shrink_bracket(four_at(spare, layout.BRACKET), fraction, here)
         keep_time_change(
-            derived, effects, events, axes, record // 2, t + back_step, h, q, l, level_here, work,
-            axes_row, event_rows, place, at_start, memories,
+            derived, effects, events, axes, record // 2, (t + back_step, h), (q, l, memories),
+            level_here, work, axes_row, event_rows, place, at_start,
         )  # fmt: skip
     fraction = interpolate_root(bracket)
     back_step = -fraction * h
@@ -294,16 +294,18 @@ def put_stepping_state(states, q, l, state, row):
 
 
 def keep_time_change(
-    derived, effects, events, axes, index, t, h, q, l, level_here, work, axes_row, event_rows,
-    place, at_start, memories,
+    derived, effects, events, axes, index, when, there, level_here, work, axes_row, event_rows,
+    place, at_start,
 ):  # fmt: skip
     """Write the derivatives of the time of an event, -dg/dp / (dg/dt) of its level g (implicit
     function theorem), to a row whose value is written later.
 
     derived : ON if there are derivatives;  at_start : whether the event counted at the start
+    when, there : its time and the length of a step [s]; q, L and the memories of effects then
     """
     if len(derived) == 0:
         return 0
+    (t, h), (q, l, memories) = when, there
     plain = without_tangents(work)
     body, given = layout.observed_body_and_effects(effects, axes, plain, axes_row)
     present = in_memory(given, derivatives.first_values(memories))

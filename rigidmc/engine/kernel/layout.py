@@ -117,7 +117,7 @@ DWELL_START = SQUARES  # of an event with a dwell time, which needs no squares
 RECORD_ROWS = 12
 RECORD_POSE = 5  # the row of q and L in a record
 RECORDS = _event.take(2 * RECORD_ROWS)  # of the first and of the last
-EVENT_ROWS = _event.end  # and after the rows of all events two RECORD tails each, see `tail_of`
+EVENT_ROWS = _event.end  # the tails of both records follow the rows of all events, see `tail_of`
 
 # Rows of the growth of a tangent: the tangent, laid out as a state in a block up to START, then
 # further numbers.
